@@ -1,0 +1,129 @@
+"""The command `anyskill`: one table of commands, each read by tyro from the function that does the work.
+
+A command's module is imported only when the command runs, so `anyskill --help` needs neither torch nor MuJoCo.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Command:
+    """One entry of the command line.
+
+    Attributes:
+        help: One line for the table of `anyskill --help`.
+        target: "module:function" of a command without sub-commands, else empty.
+        subcommands: Name of each sub-command and its "module:function".
+    """
+
+    help: str
+    target: str = ""
+    subcommands: dict[str, str] = field(default_factory=dict)
+
+
+COMMANDS: dict[str, Command] = {
+    "train": Command("learn a skill from a sentence", "agents.text.train:train"),
+    "play": Command("watch a trained skill, or write a video of it", "agents.text.play:play"),
+    "motions": Command(
+        "list the motion clips, draw one, or import your own",
+        subcommands={
+            "list": "agents.motions_cli:list_motions",
+            "show": "agents.motions_cli:show_motion",
+            "import": "agents.motions_cli:import_motion",
+        },
+    ),
+    "controller": Command(
+        "train or evaluate the low-level controller",
+        subcommands={
+            "train": "agents.controller.train:train",
+            "evaluate": "agents.controller.evaluate:evaluate",
+        },
+    ),
+    "encoder": Command("train the bundled text and image encoder", subcommands={"train": "agents.encoder.train:train"}),
+    "doctor": Command("say what this machine can do", "agents.doctor:doctor"),
+}
+
+# What a user can mend: shown as one sentence. Anything else is a fault of ours and keeps its traceback.
+USER_ERRORS = (ValueError, FileNotFoundError, FileExistsError, ImportError)
+
+
+def load_function(target: str) -> Callable[..., Any]:
+    """Imports the function that a "module:function" string names."""
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def _usage() -> str:
+    width = max(map(len, COMMANDS)) + 2
+    lines = ["commands:"]
+    for name, command in COMMANDS.items():
+        subcommands = f" ({' | '.join(command.subcommands)})" if command.subcommands else ""
+        lines.append(f"  {name:<{width}}{command.help}{subcommands}")
+    lines.append("\n`anyskill COMMAND --help` shows a command's options.")
+    return "\n".join(lines)
+
+
+def _run(target: str, prog: str, arguments: Sequence[str]) -> int:
+    import tyro
+
+    result = tyro.cli(
+        load_function(target),
+        args=list(arguments),
+        prog=prog,
+        # A function may take its options as one dataclass: its fields are then options without a prefix.
+        config=(tyro.conf.OmitArgPrefixes,),
+    )
+    return result if isinstance(result, int) else 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command.
+
+    Args:
+        arguments: Words after `anyskill`; those of the process by default.
+
+    Returns:
+        The exit code: 0 when all went well, 2 for a mistake that the printed sentence says how to mend.
+    """
+    parser = argparse.ArgumentParser(
+        prog="anyskill",
+        description="Physically simulated humanoids that learn skills from text.",
+        epilog=_usage(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage="anyskill COMMAND ...",
+    )
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words:
+        parser.print_help()
+        return 2
+    name = parser.parse_args(words[:1]).command
+    command, rest, prog = COMMANDS[name], words[1:], f"anyskill {name}"
+    target = command.target
+    if command.subcommands:
+        nested = argparse.ArgumentParser(prog=prog, description=command.help, usage=f"{prog} COMMAND ...")
+        nested.add_argument("command", choices=command.subcommands, help="its --help shows its options")
+        choice = nested.parse_args(rest[:1]).command
+        target, rest, prog = command.subcommands[choice], rest[1:], f"{prog} {choice}"
+    try:
+        return _run(target, prog, rest)
+    except USER_ERRORS as error:
+        if os.environ.get("ANYSKILL_TRACEBACK"):
+            raise
+        print(f"{prog}: {error}\n(ANYSKILL_TRACEBACK=1 shows where)", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"{prog}: stopped", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

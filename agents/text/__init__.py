@@ -1,0 +1,1 @@
+"""Text skills: train a policy for one sentence, check it from body positions, export it and watch it."""
