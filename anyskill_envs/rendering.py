@@ -1,0 +1,269 @@
+"""Pictures of the humanoid: presets, cameras, and a GL context that is created only when the first picture is asked for."""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+import importlib
+import os
+import platform
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from motion_data.skeleton import HUMANOID_XML, heading, load_model
+
+Preset = Literal["clip_fast", "video"]
+Follow = Literal["heading", "position", "world"]
+
+NO_GL_HELP = (
+    "No OpenGL library for pictures without a screen was found. Install one (Debian and Ubuntu: "
+    "`apt-get install libegl1 libgl1`, or `libosmesa6`), or choose one with the environment variable MUJOCO_GL "
+    "(egl, osmesa or glfw)."
+)
+
+
+class RenderingError(RuntimeError):
+    """No picture can be drawn here; the message says what to install or to set."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the camera stands; it always looks at the pelvis.
+
+    The default is AnySkill's: (3, 0, 1) m, so that the humanoid is seen from the front.
+
+    Attributes:
+        position: metres. x and y count from the pelvis ("heading", "position") or from the origin ("world"), z from the
+            floor.
+        follow: "heading" walks around with the humanoid, x being where it faces; "position" walks along but keeps the
+            direction of the world's axes; "world" stands still.
+        look_at_height: height of the point looked at in metres; None for that of the pelvis.
+    """
+
+    position: tuple[float, float, float] = (3.0, 0.0, 1.0)
+    follow: Follow = "heading"
+    look_at_height: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if self.follow not in ("heading", "position", "world"):
+            raise ValueError(f'Camera.follow must be "heading", "position" or "world", not {self.follow!r}.')
+        if len(self.position) != 3 or not np.isfinite(self.position).all():
+            raise ValueError(f"Camera.position must be three finite numbers in metres, not {self.position}.")
+
+    def placed(self, qpos: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where the camera stands and what it looks at, both (3,) in world metres, for one pose (35,)."""
+        pelvis = np.array(qpos[:3], dtype=np.float64)
+        position = np.array(self.position, dtype=np.float64)
+        if self.follow == "heading":
+            yaw = float(heading(qpos[3:7]))
+            cosine, sine = np.cos(yaw), np.sin(yaw)
+            position[:2] = cosine * position[0] - sine * position[1], sine * position[0] + cosine * position[1]
+        if self.follow != "world":
+            position[:2] += pelvis[:2]
+        target = pelvis
+        if self.look_at_height is not None:
+            target[2] = self.look_at_height
+        return position, target
+
+
+FRONT_CAMERA = Camera()
+
+
+def choose_backend() -> str:
+    """Name of the GL backend for pictures without a window: "egl", "osmesa", "glfw" or "cgl".
+
+    MUJOCO_GL decides if it is set. Otherwise Linux uses EGL, then OSMesa, then (with a screen) GLFW.
+
+    Raises:
+        RenderingError: MUJOCO_GL switches rendering off or has an unknown value, or no GL library is installed.
+    """
+    wish = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if wish in ("disable", "disabled", "off", "false", "0"):
+        raise RenderingError(f"MUJOCO_GL={wish} switches rendering off; unset it, or set it to egl, osmesa or glfw.")
+    system = platform.system()
+    libraries = {"egl": ("libEGL.so.1", "libEGL.so"), "osmesa": ("libOSMesa.so.8", "libOSMesa.so", "libOSMesa.so.6")}
+    if wish in libraries and system == "Linux":
+        if not _loadable(libraries[wish]):
+            raise RenderingError(f"MUJOCO_GL={wish}, but its library is not installed. {NO_GL_HELP}")
+        return wish
+    if wish in ("glfw", "glx", "wgl"):
+        return "glfw"
+    if wish == "cgl" and system == "Darwin":
+        return "cgl"
+    if wish not in ("", "enable", "enabled", "on", "true", "1"):
+        raise RenderingError(f"MUJOCO_GL={wish} is not known on {system}; set it to egl, osmesa or glfw, or unset it.")
+    if system == "Darwin":
+        return "cgl"
+    if system != "Linux":
+        return "glfw"
+    for name, files in libraries.items():
+        if _loadable(files):
+            return name
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        return "glfw"
+    raise RenderingError(NO_GL_HELP)
+
+
+def _loadable(files: tuple[str, ...]) -> bool:
+    for file in files:
+        try:
+            ctypes.CDLL(file)
+        except OSError:
+            continue
+        return True
+    return False
+
+
+def _create_context(backend: str, width: int, height: int) -> Any:
+    """A current GL context of the backend.
+
+    Raises:
+        RenderingError: the backend does not start; the message carries its reason.
+    """
+    # MuJoCo reads MUJOCO_GL when it is imported, long before a picture is wanted: its backend modules are used directly.
+    if backend in ("egl", "osmesa"):
+        os.environ["PYOPENGL_PLATFORM"] = backend
+    try:
+        context = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
+        context.make_current()
+    except Exception as error:  # each backend fails with exceptions of its own
+        raise RenderingError(f"The OpenGL backend {backend!r} does not start ({error}). {NO_GL_HELP}") from error
+    return context
+
+
+class HumanoidRenderer:
+    """Draws the humanoid in a pose.
+
+    Presets: "clip_fast" for encoders (no multisampling, shadows, reflections or sky: about an order of magnitude faster
+    in software), "video" for people.
+
+    The GL context is created with the first picture, so that an environment which is never rendered does not pay for it.
+    """
+
+    def __init__(
+        self,
+        width: int = 224,
+        height: int = 224,
+        preset: Preset = "clip_fast",
+        xml: str | Path = HUMANOID_XML,
+    ) -> None:
+        """Choose size and preset.
+
+        Args:
+            width: pixels.
+            height: pixels.
+            preset: "clip_fast" or "video".
+            xml: the MJCF to draw.
+
+        Raises:
+            ValueError: an unknown preset, or a size that is not positive.
+            RenderingError: this machine has no GL library.
+        """
+        if preset not in ("clip_fast", "video"):
+            raise ValueError(f'Unknown render preset {preset!r}; choose "clip_fast" or "video".')
+        if width < 1 or height < 1:
+            raise ValueError(f"The picture must have at least one pixel, not {width} x {height}.")
+        self.width = int(width)
+        self.height = int(height)
+        self.preset = preset
+        self.backend = choose_backend()
+        self.model = copy.deepcopy(load_model(xml))  # the loaded model is shared, and the preset changes it
+        self.model.vis.global_.offwidth = self.width
+        self.model.vis.global_.offheight = self.height
+        self.model.vis.quality.offsamples = 4 if preset == "video" else 0
+        if preset == "clip_fast":
+            self.model.vis.quality.shadowsize = 0
+        self._data = mujoco.MjData(self.model)
+        self._context: Any = None
+        self._drawing: Any = None
+        self._scene: Any = None
+
+    def _start(self) -> None:
+        self._context = _create_context(self.backend, self.width, self.height)
+        self._drawing = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
+        self._scene = mujoco.MjvScene(self.model, maxgeom=200)
+        fancy = self.preset == "video"
+        for flag in (
+            mujoco.mjtRndFlag.mjRND_SHADOW,
+            mujoco.mjtRndFlag.mjRND_REFLECTION,
+            mujoco.mjtRndFlag.mjRND_SKYBOX,
+            mujoco.mjtRndFlag.mjRND_HAZE,
+        ):
+            self._scene.flags[flag] = fancy
+        self._option = mujoco.MjvOption()
+        self._perturbation = mujoco.MjvPerturb()
+        self._view = mujoco.MjvCamera()
+        self._view.type = mujoco.mjtCamera.mjCAMERA_FREE
+
+    def render(self, qpos: NDArray[np.float64], camera: Camera = FRONT_CAMERA) -> NDArray[np.uint8]:
+        """Draw one pose.
+
+        Args:
+            qpos: root position, root quaternion (w first) and 28 hinge angles, shape (35,).
+            camera: where the camera stands.
+
+        Returns:
+            The picture, uint8 (height, width, 3), a copy of its own.
+
+        Raises:
+            ValueError: the pose has another shape.
+            RenderingError: the GL context cannot be created.
+        """
+        qpos = np.asarray(qpos, dtype=np.float64)
+        if qpos.shape != (self.model.nq,):
+            raise ValueError(f"A pose must have the shape ({self.model.nq},), not {qpos.shape}.")
+        if self._context is None:
+            self._start()
+        self._context.make_current()
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_camlight(self.model, self._data)
+        position, target = camera.placed(qpos)
+        ray = target - position
+        self._view.lookat[:] = target
+        self._view.distance = np.linalg.norm(ray)
+        self._view.azimuth = np.degrees(np.arctan2(ray[1], ray[0]))
+        self._view.elevation = np.degrees(np.arcsin(ray[2] / max(self._view.distance, 1e-9)))
+        mujoco.mjv_updateScene(
+            self.model,
+            self._data,
+            self._option,
+            self._perturbation,
+            self._view,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self._scene,
+        )
+        viewport = mujoco.MjrRect(0, 0, self.width, self.height)
+        mujoco.mjr_render(viewport, self._scene, self._drawing)
+        picture = np.empty((self.height, self.width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(picture, None, viewport, self._drawing)
+        return picture[::-1].copy()  # OpenGL counts rows from below
+
+    def close(self) -> None:
+        """Free the GL context; a later `render` creates a new one."""
+        if self._context is not None:
+            self._context.make_current()
+            self._drawing.free()
+            self._context.free()
+            self._context = self._drawing = self._scene = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Size, preset and model; a GL context does not travel to another process."""
+        state = self.__dict__.copy()
+        for name in ("_context", "_drawing", "_scene", "_option", "_perturbation", "_view"):
+            state[name] = None
+        return state
+
+    def __del__(self) -> None:
+        """Free the GL context with the object, while Python is still whole."""
+        try:
+            self.close()
+        except Exception:  # at interpreter exit modules may be gone already
+            pass
