@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from motion_data.skeleton import FRAME_RATE, JOINT_NAMES, QPOS_SIZE, differentiate, mirror_qpos
+from motion_data.skeleton import FRAME_RATE, JOINT_NAMES, QPOS_SIZE, differentiate, heading, mirror_qpos
 
 _FORMAT_VERSION = 1
 
@@ -113,6 +113,28 @@ class MotionClip:
         """The motion reflected in the x-z plane, with "left" and "right" exchanged in its labels."""
         name = self.name.removesuffix("_mirrored") if self.name.endswith("_mirrored") else f"{self.name}_mirrored"
         return replace(self, name=name, qpos=mirror_qpos(self.qpos), labels=tuple(map(swap_sides, self.labels)))
+
+    def repeated(self, duration: float) -> "MotionClip":
+        """A looping motion continued until it lasts at least ``duration`` seconds; other motions unchanged.
+
+        Each repetition starts where the last one ended, turned by the change of heading; the seam is blended over 0.2 s.
+        """
+        if not self.loop:
+            return self
+        parts = [self.qpos]
+        blend = min(6, len(self.qpos) - 1)
+        while sum(map(len, parts)) < duration * self.fps:
+            last, first = parts[-1][-1], self.qpos[0]
+            turn = Rotation.from_euler("z", heading(last[3:7]) - heading(first[3:7]))
+            part = self.qpos[1:].copy()
+            offset = turn.apply(self.qpos[1:, :3] - [*first[:2], 0]) + [*last[:2], 0]
+            part[:, :3] = offset
+            part[:, 3:7] = (turn * Rotation.from_quat(part[:, 3:7], scalar_first=True)).as_quat(scalar_first=True)
+            weight = 1 - np.arange(1, blend + 1) / (blend + 1)
+            part[:blend, 7:] += weight[:, None] * (last[7:] - first[7:])
+            part[:blend, 2] += weight * (last[2] - first[2])
+            parts.append(part)
+        return replace(self, qpos=np.concatenate(parts))
 
     def save(self, path: str | Path) -> Path:
         """Writes the clip as ``.npz`` without pickle, whole or not at all.

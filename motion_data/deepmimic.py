@@ -48,6 +48,8 @@ _PYBULLET_CLIPS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "cartwheel": (("move_around", "jump"), ("turn a cartwheel", "cartwheel")),
     "backflip": (("act_in_place", "jump"), ("backflip", "flip backward in the air")),
 }
+# The files mark nearly all clips as loops; these are the ones whose last pose really leads into the first.
+_LOOPS = {"walk", "run", "crawl", "dance_a", "dance_b"}
 
 
 def _to_z_up(quaternions: np.ndarray) -> np.ndarray:
@@ -149,6 +151,7 @@ def pybullet_clips() -> list[MotionClip]:
             replace(
                 clip,
                 source=f"pybullet_data/data/motions/humanoid3d_{name}.txt (DeepMimic, Peng et al. 2018)",
+                loop=name in _LOOPS,
                 licence="as shipped in the pybullet package; not redistributed here",
             )
         )

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from motion_data.skeleton import FRAME_RATE, lowest_point
 
-_SMOOTHNESS = 0.01  # weight of squared differences of neighbouring frames (rad^2) against squared matrix entries
+_SMOOTHNESS = 0.05  # weight of squared differences of neighbouring frames (rad^2) against squared matrix entries
 _MAGNITUDE = 1e-4  # keeps an undetermined twist near zero
 
 

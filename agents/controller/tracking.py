@@ -1,0 +1,216 @@
+"""Motion tracking as a batched reinforcement learning task: follow the reference in one's own heading frame.
+
+Nothing here sees where the reference stands or faces in the world: only its pose, height, tilt and velocities. So the
+behaviour that is learned depends on the state and on the *intended motion* alone, and can be distilled into a latent that
+does not see the state. (An encoder that sees tracking errors lets the balance feedback flow through the latent, and a
+frozen latent falls.)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.controller.reference import ReferenceMotions
+from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE
+from anyskill_envs.simulation import HumanoidSimulation
+from motion_data.skeleton import BODY_NAMES
+
+_POSE_SIZE = OBSERVATION_LAYOUT["body_linear_velocities"].start
+_EXTREMITIES = [BODY_NAMES.index(name) - 1 for name in ("head", "right_hand", "left_hand", "right_foot", "left_foot")]
+TRACKING_SIZE = 2 * OBSERVATION_SIZE + _POSE_SIZE + 28
+"""Numbers the tracking policy sees beside the humanoid's own observation included."""
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """How episodes of motion tracking run."""
+
+    failure_distance: float = 0.35
+    """Mean distance of the bodies from the reference, relative to the root (metres), that ends an episode."""
+    episode_steps: int = 150
+    """Longest episode, controller steps."""
+    switch_probability: float = 0.008
+    """Chance per step that the reference changes to another upright clip."""
+    grace_steps: int = 24
+    """Steps after a switch during which distance from the reference does not end the episode; a fall does."""
+    joint_noise: float = 0.02
+    """Standard deviation of the initial joint angles, radians."""
+    velocity_noise: float = 0.1
+    """Standard deviation of the initial velocities, m/s and rad/s."""
+    push_probability: float = 0.0
+    """Chance per step that a push of 0.2 s begins."""
+    push_force: float = 150.0
+    """Largest force of a push on the torso, newtons."""
+
+
+class Tracking:
+    """Many humanoids tracking frames of reference motions.
+
+    Args:
+        motions: The reference motions.
+        num_humanoids: How many run at once.
+        rng: Source of all random draws.
+        config: How episodes run.
+        num_threads: Threads of the physics; 0 for one per CPU.
+
+    Attributes:
+        frame: Reference frame of each humanoid, ``(n,)``.
+        observation: Current observations, float32 ``(n, 223)``.
+    """
+
+    def __init__(
+        self,
+        motions: ReferenceMotions,
+        num_humanoids: int,
+        rng: np.random.Generator,
+        config: TrackingConfig | None = None,
+        num_threads: int = 0,
+    ):
+        self.motions = motions
+        self.config = config or TrackingConfig()
+        self.simulation = HumanoidSimulation(num_humanoids, num_threads)
+        self._rng = rng
+        self.clip_probabilities = np.full(len(motions.names), 1 / len(motions.names))
+        self.failure_rate = np.full(len(motions.names), 0.5)
+        self._switch_targets = np.flatnonzero(motions.upright & (motions.last - np.arange(len(motions)) > 30))
+        n = num_humanoids
+        self.frame = np.zeros(n, int)
+        self._age = np.zeros(n, int)
+        self._grace = np.zeros(n, int)
+        self._push_left = np.zeros(n, int)
+        self._force = np.zeros((n, 3))
+        self.observation = np.zeros((n, OBSERVATION_SIZE), np.float32)
+        self.reset(np.arange(n))
+
+    def reset(self, ids: np.ndarray, frames: np.ndarray | None = None) -> None:
+        """Starts episodes at reference frames, random ones (harder clips more often) if None."""
+        if not len(ids):
+            return
+        motions, count = self.motions, len(ids)
+        if frames is None:
+            clips = self._rng.choice(len(motions.names), count, p=self.clip_probabilities)
+            phase = self._rng.random(count) * (motions.lengths[clips] - 5)
+            # A tenth of the episodes start at the beginning, where a skill is entered.
+            phase[self._rng.random(count) < 0.1] = 0
+            frames = motions.starts[clips] + phase.astype(int)
+        qpos, qvel = motions.qpos[frames].copy(), motions.qvel[frames].copy()
+        qpos[:, 7:] += self.config.joint_noise * self._rng.standard_normal((count, 28))
+        qvel += self.config.velocity_noise * self._rng.standard_normal(qvel.shape)
+        self.simulation.reset(ids, qpos, qvel)
+        self.frame[ids] = frames
+        self._age[ids] = 0
+        self._grace[ids] = 0
+        self._push_left[ids] = 0
+        self.observation[ids] = self.simulation.observation()[ids]
+
+    def reference(self) -> np.ndarray:
+        """What the tracking policy sees of the reference, relative to the current state, ``(n, 384 + ...)``."""
+        motions = self.motions
+        next_frame, later = motions.ahead(self.frame, 1), motions.ahead(self.frame, 4)
+        return np.concatenate(
+            [
+                motions.observations[next_frame] - self.observation,
+                motions.observations[later][:, :_POSE_SIZE] - self.observation[:, :_POSE_SIZE],
+                motions.feedforward[next_frame],
+            ],
+            1,
+        )
+
+    def policy_input(self) -> np.ndarray:
+        """Own observation and reference, float32 ``(n, TRACKING_SIZE)``."""
+        return np.concatenate([self.observation, self.reference()], 1)
+
+    def feedforward(self) -> np.ndarray:
+        """PD targets of the next reference frame, float32 ``(n, 28)``."""
+        return self.motions.feedforward[self.motions.ahead(self.frame, 1)]
+
+    def step(self, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Advances one controller step and resets the episodes that ended.
+
+        Args:
+            targets: PD targets, ``(n, 28)`` radians.
+
+        Returns:
+            Rewards in [0, 1] ``(n,)``; failed ``(n,)`` bool; ended without failure ``(n,)`` bool.
+        """
+        self._push()
+        diverged = self.simulation.step(targets)
+        motions = self.motions
+        at_end = self.frame >= motions.last[self.frame] - 1
+        self.frame = motions.ahead(self.frame, 1)
+        self._age += 1
+        self._grace = np.maximum(self._grace - 1, 0)
+        self.observation = self.simulation.observation()
+        expected = motions.observations[self.frame]
+        rewards = np.nan_to_num(tracking_reward(self.observation, expected))
+        fell = self.observation[:, 0] < expected[:, 0] - 0.4
+        far = (tracking_distance(self.observation, expected) > self.config.failure_distance) & (self._grace == 0)
+        failed = diverged | fell | far
+        rewards[failed] = 0
+
+        upright = motions.upright[self.frame]
+        switch = upright & ~failed & (at_end | (self._rng.random(len(self.frame)) < self.config.switch_probability))
+        truncated = ~failed & ((self._age >= self.config.episode_steps) | (at_end & ~switch))
+        switch &= ~truncated
+        if len(self._switch_targets):
+            self.frame[switch] = self._rng.choice(self._switch_targets, switch.sum())
+            self._grace[switch] = self.config.grace_steps
+        ended = np.flatnonzero(failed | truncated)
+        self._update_probabilities(motions.clip_of_frame[self.frame[ended]], failed[ended])
+        self.reset(ended)
+        return rewards, failed, truncated
+
+    def _push(self) -> None:
+        if not self.config.push_probability:
+            return
+        begin = (self._push_left == 0) & (self._rng.random(len(self.frame)) < self.config.push_probability)
+        angle = self._rng.uniform(-np.pi, np.pi, begin.sum())
+        size = self._rng.uniform(0, self.config.push_force, begin.sum())
+        self._force[begin, 0], self._force[begin, 1] = size * np.cos(angle), size * np.sin(angle)
+        self._push_left[begin] = 6
+        self._force[self._push_left == 0] = 0
+        self.simulation.push("torso", self._force)
+        self._push_left = np.maximum(self._push_left - 1, 0)
+
+    def _update_probabilities(self, clips: np.ndarray, failed: np.ndarray) -> None:
+        """Clips that fail more often are practised more often."""
+        rate = 0.01
+        for clip in np.unique(clips):
+            mine = failed[clips == clip]
+            keep = (1 - rate) ** len(mine)
+            self.failure_rate[clip] = keep * self.failure_rate[clip] + (1 - keep) * mine.mean()
+        weight = 0.15 + self.failure_rate
+        self.clip_probabilities = weight / weight.sum()
+
+
+def tracking_distance(observation: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Mean distance of the 15 bodies from the reference in the heading frame, metres, ``(n,)``; height counts as the root's."""
+    place = OBSERVATION_LAYOUT["body_positions"]
+    difference = (observation[:, place] - expected[:, place]).reshape(len(observation), -1, 3)
+    height = observation[:, 0] - expected[:, 0]
+    difference[..., 2] += height[:, None]
+    return (np.linalg.norm(difference, axis=-1).sum(1) + np.abs(height)) / len(BODY_NAMES)
+
+
+def tracking_reward(observation: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """How well states match the reference, in [0, 1], ``(n,)``.
+
+    DeepMimic's form (Peng et al. 2018, eq. 6-9: a weighted sum of exponentials of squared errors), in the heading frame:
+    body positions 0.35, rotations 0.25, head, hands and feet 0.15, body velocities 0.15, root velocity and turning 0.1.
+    """
+    n = len(observation)
+    difference = observation - expected
+    positions = difference[:, OBSERVATION_LAYOUT["body_positions"]].reshape(n, -1, 3)
+    positions = positions + difference[:, None, :1] * np.array([0, 0, 1], np.float32)
+    squared = (positions**2).sum(-1)
+    rotations = (difference[:, OBSERVATION_LAYOUT["body_rotations"]] ** 2).reshape(n, -1, 6).sum(-1).mean(-1)
+    velocities = difference[:, OBSERVATION_LAYOUT["body_linear_velocities"]].reshape(n, -1, 3)
+    turning = difference[:, OBSERVATION_LAYOUT["body_angular_velocities"].start + 2]
+    root = (velocities[:, 0] ** 2).sum(-1) + 0.1 * turning**2
+    return (
+        0.35 * np.exp(-30 * squared.mean(-1))
+        + 0.25 * np.exp(-4 * rotations)
+        + 0.15 * np.exp(-20 * squared[:, _EXTREMITIES].mean(-1))
+        + 0.15 * np.exp(-0.5 * (velocities**2).sum(-1).mean(-1))
+        + 0.1 * np.exp(-2 * root)
+    )

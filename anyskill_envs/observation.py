@@ -1,0 +1,99 @@
+"""The 223-number observation of the low-level and high-level policies (AnySkill, CALM: facts of the released code).
+
+Everything is expressed in the root's heading frame: origin at the root, turned by the root's yaw.
+"""
+
+import numpy as np
+
+from motion_data.skeleton import BODY_NAMES, MIRROR_BODIES
+
+_BODIES = len(BODY_NAMES)
+
+OBSERVATION_LAYOUT: dict[str, slice] = {}
+"""Name of each block of the observation and its place."""
+_offset = 0
+for _name, _size in (
+    ("root_height", 1),
+    ("body_positions", 3 * (_BODIES - 1)),
+    ("body_rotations", 6 * _BODIES),
+    ("body_linear_velocities", 3 * _BODIES),
+    ("body_angular_velocities", 3 * _BODIES),
+):
+    OBSERVATION_LAYOUT[_name] = slice(_offset, _offset + _size)
+    _offset += _size
+OBSERVATION_SIZE = _offset
+"""223."""
+
+
+def observe(
+    positions: np.ndarray, quaternions: np.ndarray, linear_velocities: np.ndarray, angular_velocities: np.ndarray
+) -> np.ndarray:
+    """Builds observations from body states in the world frame.
+
+    Args:
+        positions: Origins of the bodies, ``(n, 15, 3)`` metres; the root comes first.
+        quaternions: Orientations, w first, ``(n, 15, 4)``.
+        linear_velocities: Velocities of the origins, ``(n, 15, 3)`` m/s.
+        angular_velocities: Angular velocities, ``(n, 15, 3)`` rad/s.
+
+    Returns:
+        Observations, float32 ``(n, 223)``: root height; positions of the other 14 bodies relative to the root; for each
+        body the first (x axis, "tangent") and third (z axis, "normal") column of its rotation matrix; linear velocities;
+        angular velocities; all turned into the heading frame. See :data:`OBSERVATION_LAYOUT`.
+    """
+    count = len(positions)
+    w, x, y, z = np.moveaxis(quaternions[:, 0], -1, 0)
+    tangent_x, tangent_y = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z)
+    length = np.maximum(np.hypot(tangent_x, tangent_y), 1e-9)
+    cosine, sine = (tangent_x / length).astype(np.float32)[:, None], (tangent_y / length).astype(np.float32)[:, None]
+
+    observation = np.empty((count, OBSERVATION_SIZE), np.float32)
+    observation[:, 0] = positions[:, 0, 2]
+
+    def write(target: np.ndarray, vectors: np.ndarray) -> None:
+        """Writes world vectors ``(n, k, 3)``, turned by minus the heading, into a view of the same shape."""
+        target[..., 0] = cosine * vectors[..., 0] + sine * vectors[..., 1]
+        target[..., 1] = cosine * vectors[..., 1] - sine * vectors[..., 0]
+        target[..., 2] = vectors[..., 2]
+
+    def block(name: str, *shape: int) -> np.ndarray:
+        return observation[:, OBSERVATION_LAYOUT[name]].reshape(count, *shape)
+
+    write(block("body_positions", _BODIES - 1, 3), (positions[:, 1:] - positions[:, :1]).astype(np.float32))
+    rotations = block("body_rotations", _BODIES, 2, 3)
+    tangents, normals = _axes(quaternions.astype(np.float32))
+    write(rotations[:, :, 0], tangents)
+    write(rotations[:, :, 1], normals)
+    write(block("body_linear_velocities", _BODIES, 3), linear_velocities.astype(np.float32))
+    write(block("body_angular_velocities", _BODIES, 3), angular_velocities.astype(np.float32))
+    return observation
+
+
+def _axes(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and third columns of rotation matrices, each ``(..., 3)``."""
+    w, x, y, z = np.moveaxis(quaternions, -1, 0)
+    first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], -1)
+    third = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], -1)
+    return first, third
+
+
+def _mirror_map() -> tuple[np.ndarray, np.ndarray]:
+    """Source index and sign of every number of a mirrored observation."""
+    index, sign = np.arange(OBSERVATION_SIZE), np.ones(OBSERVATION_SIZE, np.float32)
+    vector = np.array([1, -1, 1], np.float32)  # a reflection in the x-z plane reverses y of vectors ...
+    axial = -vector  # ... and x and z of angular velocities
+    # Reflected rotation matrices are M R M with M = diag(1, -1, 1): y of the x and z axes is reversed.
+    for name, per_body, signs, bodies in (
+        ("body_positions", 3, vector, MIRROR_BODIES[1:] - 1),
+        ("body_rotations", 6, np.tile(vector, 2), MIRROR_BODIES),
+        ("body_linear_velocities", 3, vector, MIRROR_BODIES),
+        ("body_angular_velocities", 3, axial, MIRROR_BODIES),
+    ):
+        place = OBSERVATION_LAYOUT[name]
+        index[place] = (place.start + bodies[:, None] * per_body + np.arange(per_body)).ravel()
+        sign[place] = np.tile(signs, len(bodies))
+    return index, sign
+
+
+MIRROR_INDEX, MIRROR_SIGN = _mirror_map()
+"""``observation[..., MIRROR_INDEX] * MIRROR_SIGN`` is the observation of the humanoid reflected in its x-z plane."""
