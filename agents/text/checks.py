@@ -22,7 +22,7 @@ JUDGED_SECONDS = 5.0
 """How much of the end of an episode a check looks at, in seconds."""
 
 FALL_HEAD_HEIGHT = 0.5
-"""A head centre below this height, in metres, lies on or near the ground; standing it is at 1.53, in a deep squat 0.9."""
+"""Metres: a head centre lower than this is that of a lying body. Standing it is at 1.53, in a deep squat at 0.9."""
 
 STANDING_HEIGHT = float(rest_qpos()[2])
 """Height of the pelvis in the rest pose, in metres."""
