@@ -1,0 +1,371 @@
+"""Clips authored by hand: readable key poses in, physically plausible motion out.
+
+``assets/authored.yaml`` says what the upper body does, where the feet stand and which foot carries the weight. This
+module does the rest: smooth interpolation, the legs by inverse kinematics, and the pelvis where it keeps the centre of
+mass over the supporting foot. So every clip has its feet on the floor and can be held in balance.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.interpolate import BPoly, PchipInterpolator
+from scipy.spatial.transform import Rotation
+
+from motion_data.clip import MotionClip
+from motion_data.inverse_kinematics import (
+    ARM_COLUMNS,
+    LEG,
+    LEG_COLUMNS,
+    SIDES,
+    LegSolution,
+    body_centre,
+    body_mass,
+    centre_of_mass,
+    floor_reach,
+    solve_arm,
+    solve_leg,
+)
+from motion_data.skeleton import BODY_NAMES, FRAME_RATE, JOINT_NAMES, load_model, rest_qpos
+
+AUTHORED_YAML = Path(__file__).parent / "assets" / "authored.yaml"
+"""The file of key poses."""
+
+UPPER_JOINTS = tuple(name for name in JOINT_NAMES if not any(part in name for part in ("hip", "knee", "ankle")))
+"""Hinges that a key sets directly; the others follow from the feet."""
+FOOT_FIELDS = ("x", "y", "turn", "lift", "pitch", "roll")
+BODY_FIELDS = ("lower", "pitch", "roll", "turn", "lean_x", "lean_y", "weight")
+_FOOT_DEFAULT = {"right": (0.03, -0.1, -6.0), "left": (0.03, 0.1, 6.0)}
+_NATURAL_BEND = 0.006  # metres the pelvis stands lower than on straight legs
+_LEG_RESERVE = 0.998  # share of the leg's length that a standing leg may use
+_SOFTNESS = 0.006  # metres over which the pelvis eases into the limit that a stretched leg sets
+_BALANCE_ITERATIONS = 8
+_WEIGHTS = {"right": 0.0, "both": 0.5, "left": 1.0}
+_UPPER_BODIES = tuple(name for name in BODY_NAMES if not any(part in name for part in ("thigh", "shin", "foot")))
+
+
+@dataclass(frozen=True)
+class Key:
+    """Everything that one key pose fixes.
+
+    Attributes:
+        time: Seconds since the start of the clip.
+        upper: Angles of :data:`UPPER_JOINTS` in radians.
+        body: Values of :data:`BODY_FIELDS`: metres and radians; ``weight`` is the left foot's share of the load.
+        feet: Values of :data:`FOOT_FIELDS` by side: metres and radians; x and y are those of the middle of the sole.
+    """
+
+    time: float
+    upper: np.ndarray
+    body: Mapping[str, float]
+    feet: Mapping[str, np.ndarray]
+
+    def channels(self) -> np.ndarray:
+        """All numbers of the key in one row."""
+        body = [self.body[name] for name in BODY_FIELDS]
+        return np.concatenate([self.upper, body, self.feet["right"], self.feet["left"]])
+
+
+@dataclass
+class _KeyReader:
+    """Turns the entries of one clip of the file into keys; remembers time and footprints on the way."""
+
+    clip: str
+    poses: Mapping[str, Mapping[str, Any]]
+    time: float = 0.0
+    footprints: dict[str, tuple[float, float, float]] = field(default_factory=lambda: dict(_FOOT_DEFAULT))
+    keys: list[Key] = field(default_factory=list)
+
+    def read(self, entry: Mapping[str, Any]) -> None:
+        """Appends the keys of one entry."""
+        entry = self._with_poses(entry)
+        if "step" in entry:
+            self._step(entry)
+        else:
+            self._append(entry, float(entry.pop("seconds", 0.0 if not self.keys else 0.6)), float(entry.pop("hold", 0)))
+
+    def _with_poses(self, entry: Mapping[str, Any]) -> dict[str, Any]:
+        entry = dict(entry)
+        names = entry.pop("pose", [])
+        merged: dict[str, Any] = {}
+        for name in [names] if isinstance(names, str) else names:
+            if name not in self.poses:
+                raise ValueError(f"Clip '{self.clip}': unknown pose '{name}'. The poses are: {', '.join(self.poses)}.")
+            merged |= self._with_poses(self.poses[name])
+        return merged | entry
+
+    def _append(self, entry: dict[str, Any], seconds: float, hold: float) -> None:
+        if self.keys and seconds <= 0:
+            raise ValueError(f"Clip '{self.clip}': `seconds` must be positive in every entry but the first.")
+        self.time += seconds
+        upper, body, feet = self._upper(entry), self._body(entry), self._feet(entry)
+        if entry:
+            raise ValueError(
+                f"Clip '{self.clip}': unknown fields {sorted(entry)}. A key knows seconds, hold, pose, step, weight, "
+                "lower, lean, pitch, roll, turn, right_foot, left_foot, right_hand, left_hand, both_hand, right_elbow_out, "
+                f"left_elbow_out, both_elbow_out, the joints {', '.join(UPPER_JOINTS)}, and both_ in place of right_."
+            )
+        self.keys.append(Key(self.time, upper, body, feet))
+        if hold:
+            self.time += hold
+            self.keys.append(replace(self.keys[-1], time=self.time))
+
+    def _step(self, entry: dict[str, Any]) -> None:
+        """A step is three keys: the weight moves to the other foot, the foot is in the air, the foot has landed."""
+        step = dict(entry.pop("step"))
+        side = step.pop("foot")
+        if ("to" in step) == ("stance" in step):
+            raise ValueError(f"Clip '{self.clip}': a step has either `to` (place of the sole) or `stance` (of the body).")
+        target = list(step.pop("to")) if "to" in step else _stance(side, *step.pop("stance"))
+        shift, swing = float(step.pop("shift", 0.5)), float(step.pop("swing", 0.5))
+        lift, after = float(step.pop("lift", 0.08)), step.pop("after", None)
+        hold = float(entry.pop("hold", 0))
+        if step:
+            raise ValueError(f"Clip '{self.clip}': unknown fields of step {sorted(step)}.")
+        other = "left" if side == "right" else "right"
+        start = self.footprints[side]
+        middle = [0.5 * (a + b) for a, b in zip(start, target, strict=True)]
+        self._append({**entry, "weight": other}, shift, 0)
+        self._append({**entry, "weight": other, f"{side}_foot": {"at": middle, "lift": lift}}, swing / 2, 0)
+        self._append({**entry, "weight": after or other, f"{side}_foot": {"at": target}}, swing / 2, hold)
+
+    def _upper(self, entry: dict[str, Any]) -> np.ndarray:
+        degrees = {name: 0.0 for name in UPPER_JOINTS}
+        degrees |= {"right_shoulder_x": -8.0, "left_shoulder_x": 8.0, "right_elbow": -15.0, "left_elbow": -15.0}
+        for name in UPPER_JOINTS:
+            joint = name.removeprefix("right_")
+            if name.startswith("right_") and f"both_{joint}" in entry:
+                angle = float(entry.pop(f"both_{joint}"))
+                degrees[name] = angle
+                degrees[f"left_{joint}"] = -angle if joint.endswith(("_x", "_z")) else angle
+        for name in UPPER_JOINTS:
+            if name in entry:
+                degrees[name] = float(entry.pop(name))
+        upper = np.radians([degrees[name] for name in UPPER_JOINTS])
+        both, both_out = entry.pop("both_hand", None), entry.pop("both_elbow_out", 20.0)
+        for side, sign in zip(SIDES, (1, -1), strict=True):
+            hand = entry.pop(f"{side}_hand", None)
+            if hand is None and both is not None:
+                hand = [both[0], sign * both[1], both[2]]
+            out = np.radians(float(entry.pop(f"{side}_elbow_out", both_out)))
+            if hand is not None:
+                columns = [UPPER_JOINTS.index(JOINT_NAMES[column]) for column in ARM_COLUMNS[side]]
+                upper[columns] = solve_arm(side, np.array(hand, float), out)
+        return upper
+
+    def _body(self, entry: dict[str, Any]) -> dict[str, float]:
+        weight = entry.pop("weight", "both")
+        if isinstance(weight, str):
+            if weight not in _WEIGHTS:
+                raise ValueError(f"Clip '{self.clip}': weight is right, left, both or a number, not '{weight}'.")
+            weight = _WEIGHTS[weight]
+        lean = entry.pop("lean", (0.0, 0.0))
+        angles = {name: float(np.radians(entry.pop(name, 0.0))) for name in ("pitch", "roll", "turn")}
+        lengths = {"lower": float(entry.pop("lower", 0.0)), "lean_x": float(lean[0]), "lean_y": float(lean[1])}
+        return {**angles, **lengths, "weight": float(weight)}
+
+    def _feet(self, entry: dict[str, Any]) -> dict[str, np.ndarray]:
+        feet = {}
+        for side in SIDES:
+            foot = dict(entry.pop(f"{side}_foot", {}))
+            place = tuple(float(number) for number in foot.pop("at", self.footprints[side]))
+            if len(place) == 2:
+                place = (*place, self.footprints[side][2])
+            lift, pitch, roll = (float(foot.pop(name, 0.0)) for name in ("lift", "pitch", "roll"))
+            if foot:
+                raise ValueError(f"Clip '{self.clip}': unknown fields of a foot {sorted(foot)}; known: at, {FOOT_FIELDS[3:]}.")
+            if not lift:
+                self.footprints[side] = place  # a foot put down stays there until it is moved
+            feet[side] = np.array([place[0], place[1], *np.radians(place[2:]), lift, *np.radians([pitch, roll])])
+        return feet
+
+
+def _stance(side: str, x: float, y: float, heading: float) -> list[float]:
+    """Place and turn in degrees of a foot when the body stands naturally at x, y and faces a heading in degrees."""
+    forward, left, turn = _FOOT_DEFAULT[side]
+    cosine, sine = np.cos(np.radians(heading)), np.sin(np.radians(heading))
+    return [x + cosine * forward - sine * left, y + sine * forward + cosine * left, turn + heading]
+
+
+def interpolate(keys: Sequence[Key], fps: float = FRAME_RATE) -> np.ndarray:
+    """Smooth paths through the keys, at rest at the ends and wherever a channel turns round.
+
+    Between keys each channel is a quintic with zero acceleration at the keys, so from rest to rest it has minimum jerk.
+
+    Args:
+        keys: At least two keys.
+        fps: Frames per second.
+
+    Returns:
+        Channels of each frame, ``(T, channels)``.
+    """
+    times = np.array([key.time for key in keys])
+    rows = np.stack([key.channels() for key in keys])
+    slopes = PchipInterpolator(times, rows).derivative()(times) if len(keys) > 2 else np.zeros_like(rows)
+    slopes[0] = slopes[-1] = 0
+    values = np.stack([rows, slopes, np.zeros_like(rows)], 1)
+    frames = np.arange(round(times[-1] * fps) + 1) / fps
+    return BPoly.from_derivatives(times, values)(np.minimum(frames, times[-1]))
+
+
+def pose_body(channels: np.ndarray) -> np.ndarray:
+    """Poses that follow the channels with the feet in place and the centre of mass over the support.
+
+    Args:
+        channels: Rows of :func:`interpolate`, ``(T, channels)``.
+
+    Returns:
+        Poses, ``(T, 35)``.
+    """
+    upper, body, right, left = np.split(
+        channels, np.cumsum([len(UPPER_JOINTS), len(BODY_FIELDS), len(FOOT_FIELDS)]), axis=1
+    )
+    lower, pitch, roll, turn, lean_x, lean_y, weight = body.T
+    feet = {"right": _Foot.place("right", right), "left": _Foot.place("left", left)}
+    heading = 0.5 * (right[:, 2] + left[:, 2])
+    rotation = Rotation.from_euler("ZYX", np.stack([heading + turn, pitch, roll], 1))
+    matrix = rotation.as_matrix()
+
+    target = (1 - weight[:, None]) * right[:, :2] + weight[:, None] * left[:, :2]
+    cosine, sine = np.cos(heading), np.sin(heading)
+    target = target + np.stack([cosine * lean_x - sine * lean_y, sine * lean_x + cosine * lean_y], 1)
+
+    qpos = np.tile(rest_qpos(), (len(channels), 1))
+    qpos[:, 3:7] = rotation.as_quat(scalar_first=True)
+    qpos[:, [7 + JOINT_NAMES.index(name) for name in UPPER_JOINTS]] = upper
+    qpos[:, :3] = 0
+    upper_centre = centre_of_mass(qpos, _UPPER_BODIES)
+    standing = rest_qpos()[2] - _NATURAL_BEND - lower
+    pelvis = np.concatenate([target - upper_centre[:, :2], standing[:, None]], 1)
+    legs: dict[str, LegSolution] = {}
+    for _ in range(_BALANCE_ITERATIONS):
+        pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing)
+        legs = {
+            side: solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward)
+            for side, foot in feet.items()
+        }
+        pelvis[:, :2] += target - _whole_centre(pelvis + upper_centre, legs, feet)
+    pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing)
+    qpos[:, :3] = pelvis
+    for side, foot in feet.items():
+        solution = solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward)
+        qpos[:, [7 + column for column in LEG_COLUMNS[side]]] = solution.angles
+    return qpos
+
+
+@dataclass(frozen=True)
+class _Foot:
+    """Pose of one foot over T frames."""
+
+    side: str
+    ankle: np.ndarray
+    rotation: np.ndarray
+    leftward: np.ndarray
+    lift: np.ndarray
+
+    @classmethod
+    def place(cls, side: str, channels: np.ndarray) -> "_Foot":
+        """Foot whose lowest point is ``lift`` above the floor; it pitches about its toe edge or its heel edge."""
+        x, y, turn, lift, pitch, roll = channels.T
+        rotation = Rotation.from_euler("ZYX", np.stack([turn, pitch, roll], 1)).as_matrix()
+        corners = floor_reach(side)
+        middle = corners.mean(0)
+        flat = Rotation.from_euler("z", turn[:, None]).as_matrix()
+        edge = np.where(pitch[:, None] > 0, corners[:, 0].max(), corners[:, 0].min()) * np.array([1, 0, 0])
+        edge = edge + [0, middle[1], middle[2]]
+        place = np.stack([x, y, np.zeros_like(x)], 1)
+        ankle = place + np.einsum("tij,tj->ti", flat, edge - middle) - np.einsum("tij,tj->ti", rotation, edge)
+        lowest = np.einsum("tj,kj->tk", rotation[:, 2], corners).min(1)
+        ankle[:, 2] = lift - lowest
+        return cls(side, ankle, rotation, flat[:, :, 1], lift)
+
+
+def _reachable_height(
+    pelvis: np.ndarray, matrix: np.ndarray, feet: Mapping[str, _Foot], wanted: np.ndarray
+) -> np.ndarray:
+    """The wanted height of the pelvis, eased down to what the standing legs can reach, ``(T,)``."""
+    heights = [wanted]
+    for side, foot in feet.items():
+        offset = matrix @ load_model().body(f"{side}_thigh").pos
+        apart = ((foot.ankle - pelvis - offset)[:, :2] ** 2).sum(1)
+        reach = np.sqrt(np.maximum((_LEG_RESERVE * LEG) ** 2 - apart, 0.01))
+        # A lifted foot need not reach its place, so it frees the pelvis with the first centimetres.
+        heights.append(foot.ankle[:, 2] + reach - offset[:, 2] + 5 * foot.lift)
+    stacked = np.stack(heights)
+    least = stacked.min(0)
+    return least - _SOFTNESS * np.log(np.exp((least - stacked) / _SOFTNESS).sum(0))
+
+
+def _whole_centre(upper: np.ndarray, legs: Mapping[str, LegSolution], feet: Mapping[str, _Foot]) -> np.ndarray:
+    """Centre of mass on the floor plane from the upper body's and the legs' joints, ``(T, 2)``."""
+    total = sum(body_mass(name) for name in _UPPER_BODIES)
+    moment = total * upper
+    for side, leg in legs.items():
+        for body, start, end in (("thigh", leg.hip, leg.knee), ("shin", leg.knee, leg.ankle)):
+            name = f"{side}_{body}"
+            share = -body_centre(name)[2] / np.linalg.norm(start - end, axis=1, keepdims=True)
+            moment = moment + body_mass(name) * (start + share * (end - start))
+            total += body_mass(name)
+        foot = f"{side}_foot"
+        moment = moment + body_mass(foot) * (leg.ankle + feet[side].rotation @ body_centre(foot))
+        total += body_mass(foot)
+    return (moment / total)[:, :2]
+
+
+def read_authored(path: str | Path = AUTHORED_YAML) -> list[MotionClip]:
+    """Builds the clips of a file of key poses.
+
+    Args:
+        path: YAML file with ``poses`` and ``clips``; the header of the bundled one explains the fields.
+
+    Returns:
+        The clips, in the order of the file; a mirrored twin follows its original.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If an entry cannot be understood; the message names the clip.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"No file of key poses at '{path}'.")
+    content = yaml.load(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    poses, entries = content.get("poses", {}), content["clips"]
+    channels = []
+    for name, entry in entries.items():
+        reader = _KeyReader(name, poses)
+        for key in entry["keys"]:
+            reader.read(key)
+        if len(reader.keys) < 2:
+            raise ValueError(f"Clip '{name}' needs at least two key poses, found {len(reader.keys)}.")
+        channels.append(interpolate(reader.keys))
+    # One call for all clips: the solver works on arrays of frames.
+    solved = np.split(pose_body(np.concatenate(channels)), np.cumsum([len(rows) for rows in channels])[:-1])
+    clips = []
+    for (name, entry), qpos in zip(entries.items(), solved, strict=True):
+        clip = MotionClip(
+            name=name,
+            qpos=qpos,
+            source="authored by this project",
+            licence="MIT",
+            labels=tuple(entry["labels"]),
+            categories=tuple(entry["categories"]),
+            loop=bool(entry.get("loop", False)),
+        )
+        clips.append(clip)
+        if "mirror" in entry:
+            clips.append(replace(clip.mirrored(), name=entry["mirror"]))
+    return clips
+
+
+@cache
+def _bundled() -> tuple[MotionClip, ...]:
+    return tuple(read_authored())
+
+
+def authored_clips() -> list[MotionClip]:
+    """The bundled authored clips at 30 frames per second."""
+    return list(_bundled())
