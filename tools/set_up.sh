@@ -44,7 +44,7 @@ if [ ! -x "$venv/bin/python" ]; then
 fi
 
 echo "Installing the packages (a few minutes the first time)"
-"$venv/bin/python" -m pip install -q --disable-pip-version-check -e '.[all,dev]' -c constraints.txt
+"$venv/bin/python" -m pip install -qq --disable-pip-version-check -e '.[all,dev]' -c constraints.txt
 
 if [ "$(uname -s)" = Linux ]; then
     missing=()

@@ -10,7 +10,7 @@ mkdir "$work/source"
 git ls-files -z | xargs -0 tar cf - | tar xf - -C "$work/source"
 .venv/bin/python -m build -q --wheel --outdir "$work/dist" "$work/source"
 .venv/bin/python -m venv "$work/venv"
-"$work/venv/bin/python" -m pip install -q --disable-pip-version-check "$work"/dist/*.whl -c constraints.txt
+"$work/venv/bin/python" -m pip install -qq --disable-pip-version-check "$work"/dist/*.whl -c constraints.txt
 cd "$work" # away from the checkout, so that what is imported is the wheel
 "$work/venv/bin/python" "$root/tests/smoke_test.py" "$root"
 ls -l "$work/dist"
