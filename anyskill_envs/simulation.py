@@ -15,6 +15,9 @@ PHYSICS_STEPS = 4
 CONTROLLER_STEPS = 5
 """Controller steps per high-level decision (1/6 s)."""
 
+MAX_SPEED = 500.0
+"""m/s and rad/s: far beyond what a body does; a simulation that is faster has blown up, though MuJoCo says nothing yet."""
+
 _BAD_STATE = [
     mujoco.mjtWarning.mjWARN_BADQPOS.value,
     mujoco.mjtWarning.mjWARN_BADQVEL.value,
@@ -161,7 +164,7 @@ class HumanoidSimulation:
             return np.zeros(len(self), bool)
         self._batch.step(ids, nstep=PHYSICS_STEPS, stage=_VELOCITY_STAGE)
         warnings = self._bad_states()
-        diverged = (warnings != self._warnings) | broken | ~np.isfinite(self.qvel).all(1)
+        diverged = (warnings != self._warnings) | broken | ~(np.abs(self.qvel) < MAX_SPEED).all(1)
         self._warnings = warnings
         if diverged.any():
             self.reset(np.flatnonzero(diverged))

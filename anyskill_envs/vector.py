@@ -1,0 +1,500 @@
+"""The batched environment that every other environment of the project is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from anyskill_envs.actions import ActionDecoder, FloatArray, JointActions
+from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE, observe
+from anyskill_envs.rebuilding import RebuiltFromArguments
+from anyskill_envs.rendering import Camera, HumanoidRenderer
+from anyskill_envs.simulation import HumanoidSimulation
+from anyskill_envs.viewer import HumanoidViewer
+from motion_data.skeleton import BODY_NAMES, FRAME_RATE, rest_qpos
+from rewards import RewardOutput
+
+if TYPE_CHECKING:
+    from motion_data.library import MotionLibrary
+
+FALL_HEIGHT = 0.05
+"""Metres: AnySkill's termination height of bodies that should not touch the floor."""
+# AnySkill exempts the feet only; a shin that lies on the floor is kneeling, not falling.
+_MAY_TOUCH_FLOOR = ("right_foot", "left_foot", "right_shin", "left_shin")
+_SHOULD_STAY_UP = [index for index, name in enumerate(BODY_NAMES) if name not in _MAY_TOUCH_FLOOR]
+
+INITIAL_STATES = ("standing", "library")
+
+# Bounds of the observation, far outside of what a humanoid does: they keep a violent tumble finite for a policy.
+OBSERVATION_BOUNDS = {
+    "root_height": 100.0,  # m
+    "body_positions": 3.0,  # m from the pelvis
+    "body_rotations": 1.0,  # numbers of rotation matrices
+    "body_linear_velocities": 100.0,  # m/s
+    "body_angular_velocities": 300.0,  # rad/s
+}
+
+
+def proprioception_space() -> Box:
+    """Space of the 223 numbers of proprioception; blocks as in `OBSERVATION_LAYOUT`."""
+    high = np.empty(OBSERVATION_SIZE, np.float32)
+    for name, place in OBSERVATION_LAYOUT.items():
+        high[place] = OBSERVATION_BOUNDS[name]
+    return Box(-high, high, dtype=np.float32)
+
+
+@cache
+def _default_library() -> MotionLibrary:
+    # Imported here: only environments that start from motion clips need them.
+    from motion_data.library import MotionLibrary
+
+    return MotionLibrary.default()
+
+
+class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, NDArray[Any]]):
+    """Humanoids in one native batch, as a `gymnasium.vector.VectorEnv`.
+
+    This class is joint-level: an action is 28 PD targets, held for one controller step (1/30 s). Subclasses change what an
+    action means (`decoder`), the reward, the start, the end and what is observed:
+
+    - :meth:`compute_reward`: the reward of one controller step, by terms,
+    - :meth:`has_ended`: who terminated,
+    - :meth:`start_states`: states in which episodes start,
+    - :meth:`begin_episodes`, :meth:`begin_decision`: draw what an episode or a decision needs,
+    - :meth:`observations`, :meth:`make_observation_space`: what is observed,
+    - :meth:`extra_info`: more entries of `info`.
+
+    One :meth:`step` runs the decoder's number of controller steps. A humanoid that terminates inside keeps its state while
+    the others go on; rewards, terms and similarity are averaged over the controller steps that it executed.
+
+    `info` has the same keys at every step, each an array ``(num_envs, ...)`` beside its mask ``_key``: `reward_<term>` for
+    every term of the reward (they add up to it), `similarity` if the reward compares with a text, `x_position` and
+    `distance_from_origin` (m), `x_velocity` (m/s) of the pelvis, `head_height` (m), `controller_steps` executed,
+    `diverged`, and what the decoder adds (`latent`). After a reset, whatever belongs to a step is zero.
+
+    Args:
+        num_envs: number of humanoids.
+        decoder: what an action means; joint targets if None.
+        max_episode_steps: controller steps divided by those of an action after which an episode is truncated; never if
+            None. `gym.make_vec` fills in the registered number; single environments leave it to `TimeLimit`.
+        autoreset_mode: "NextStep" (the default of Gymnasium), "SameStep" (what Stable-Baselines3 wants) or "Disabled",
+            or a member of `gymnasium.vector.AutoresetMode`.
+        render_mode: None, "rgb_array" (pictures of all humanoids) or "human" (a window with the first one).
+        width: width of pictures in pixels.
+        height: height of pictures in pixels.
+        camera: fields of `anyskill_envs.rendering.Camera`; in front of the humanoid by default.
+        num_threads: native threads; 0 for one per CPU. Results do not depend on it.
+        initial_state: "standing" starts from the rest pose, "library" from a random frame of the motion clips.
+        reset_noise_scale: half-width of the uniform noise on joint angles (rad) and velocities (rad/s, m/s) at the start.
+        minimum_head_height: an episode terminates when the centre of the head is lower, in metres.
+        terminate_when_fallen: terminate as well when a body other than feet and shins is below 0.05 m.
+        record_controller_steps: add `controller_observations` ``(k, 223)`` and `controller_qpos` ``(k, 35)`` of the k
+            controller steps of an action to `info`, for rewards to be recomputed and for smooth videos.
+
+    Raises:
+        ValueError: an argument is out of its range; the message says which values exist.
+        RenderingError: pictures or a window were asked for and cannot be had on this machine.
+    """
+
+    metadata: dict[str, Any] = {
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": round(FRAME_RATE / JointActions.controller_steps),
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    reset_options: ClassVar[tuple[str, ...]] = ("initial_state",)
+    """Options of :meth:`reset` beside `reset_mask`."""
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        decoder: ActionDecoder | None = None,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: Mapping[str, Any] | None = None,
+        num_threads: int = 0,
+        initial_state: str = "standing",
+        reset_noise_scale: float = 0.02,
+        minimum_head_height: float = 0.15,
+        terminate_when_fallen: bool = False,
+        record_controller_steps: bool = False,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps must be at least 1 or None, got {max_episode_steps}.")
+        if initial_state not in INITIAL_STATES:
+            raise ValueError(f"initial_state must be one of {', '.join(INITIAL_STATES)}, got {initial_state!r}.")
+        if not 0 <= reset_noise_scale < np.inf:
+            raise ValueError(f"reset_noise_scale must be a number from 0 on, got {reset_noise_scale}.")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}.")
+        self.num_envs = num_envs
+        self.decoder: ActionDecoder = decoder or JointActions()
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.metadata = self.metadata | {
+            "autoreset_mode": self.autoreset_mode,
+            "render_fps": round(FRAME_RATE / self.decoder.controller_steps),
+        }
+        self.initial_state = initial_state
+        self.reset_noise_scale = reset_noise_scale
+        self.minimum_head_height = minimum_head_height
+        self.terminate_when_fallen = terminate_when_fallen
+        self.record_controller_steps = record_controller_steps
+
+        self.render_mode = render_mode
+        self._camera = Camera(**(camera or {}))
+        self._renderer = HumanoidRenderer(width, height, "video") if render_mode == "rgb_array" else None
+        self._viewer = HumanoidViewer(1 / FRAME_RATE) if render_mode == "human" else None
+
+        self.simulation = HumanoidSimulation(num_envs, num_threads)
+        self.proprioception = self.simulation.observation()
+        self._controller_step_limit = max_episode_steps and max_episode_steps * self.decoder.controller_steps
+        self._elapsed = np.zeros(num_envs, np.int64)
+        self._ended = np.zeros(num_envs, bool)
+        self._was_reset = False
+        self._reward_keys: tuple[str, ...] = ()
+
+        self._proprioception_space = proprioception_space()
+        self.single_action_space = self.decoder.space
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.single_observation_space = self.make_observation_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+
+    # What subclasses change
+
+    def make_observation_space(self) -> Box:
+        """Space of the observation of one humanoid."""
+        return self._proprioception_space
+
+    def observations(self, ids: NDArray[np.int64] | slice) -> FloatArray:
+        """Observations of some humanoids, new arrays ``(k, ...)``; here their proprioception within its bounds."""
+        space = self._proprioception_space
+        return np.clip(self.proprioception[ids], space.low, space.high)
+
+    def compute_reward(self, commands: FloatArray) -> RewardOutput:
+        """Reward of the controller step that was just executed, for all humanoids; here 1 for being alive.
+
+        Args:
+            commands: the commands that the decoder made of the actions, ``(n, ...)``.
+
+        Returns:
+            Terms ``(n,)`` that add up to the reward; the same terms every time.
+        """
+        return RewardOutput.from_terms({"alive": ~self.has_ended()})
+
+    def has_ended(self) -> NDArray[np.bool_]:
+        """Humanoids whose state ends the episode, ``(n,)``."""
+        ended = self.simulation.head_height < self.minimum_head_height
+        if self.terminate_when_fallen:
+            ended |= (self.simulation.body_positions[:, _SHOULD_STAY_UP, 2] < FALL_HEIGHT).any(1)
+        return ended
+
+    def start_states(
+        self, count: int, initial_state: Any
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw states in which episodes start.
+
+        Args:
+            count: number of humanoids k.
+            initial_state: "standing", "library", or a mapping with `qpos` ``(35,)`` or ``(k, 35)`` and, if wanted, `qvel`
+                ``(34,)`` or ``(k, 34)``, which gets no noise.
+
+        Returns:
+            qpos ``(k, 35)`` and qvel ``(k, 34)``.
+
+        Raises:
+            ValueError: the state is none of these.
+        """
+        model = self.simulation.model
+        if isinstance(initial_state, Mapping):
+            qpos = _rows(initial_state.get("qpos"), count, model.nq, "qpos")
+            qvel = _rows(initial_state.get("qvel", np.zeros(model.nv)), count, model.nv, "qvel")
+            return qpos, qvel
+        if initial_state == "standing":
+            qpos = np.tile(rest_qpos(), (count, 1))
+            qvel = np.zeros((count, model.nv))
+        elif initial_state == "library":
+            library = _default_library()
+            clips = library.sample(self.np_random, count)
+            frames = library.starts[clips] + self.np_random.integers(library.lengths[clips])
+            qpos = library.qpos[frames].copy()
+            qvel = library.qvel[frames].copy()
+            qpos[:, :2] = 0.0
+        else:
+            raise ValueError(
+                f"initial_state must be one of {', '.join(INITIAL_STATES)}, or a dictionary with 'qpos' and 'qvel', "
+                f"got {initial_state!r}."
+            )
+        scale = self.reset_noise_scale
+        qpos[:, 7:] += self.np_random.uniform(-scale, scale, (count, model.nq - 7))
+        qvel += self.np_random.uniform(-scale, scale, qvel.shape)
+        return qpos, qvel
+
+    def begin_episodes(self, ids: NDArray[np.int64], options: dict[str, Any]) -> None:
+        """Called when humanoids `ids` were put into new start states.
+
+        Args:
+            ids: indices of the humanoids, ``(k,)``.
+            options: the options of :meth:`reset`; empty when an episode starts by itself.
+
+        Raises:
+            ValueError: an option has a bad value.
+        """
+
+    def begin_decision(self) -> None:
+        """Called before the controller steps of an action, to draw what they need."""
+
+    def extra_info(self) -> dict[str, NDArray[Any]]:
+        """More entries of `info`, new arrays ``(n, ...)``; the same keys every time."""
+        return {}
+
+    # Gymnasium's interface
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Start new episodes.
+
+        Args:
+            seed: seeds the one random generator of the batch.
+            options: `reset_mask` ``(num_envs,)`` bool, the humanoids to reset (all by default); `initial_state`, for this
+                reset only, see :meth:`start_states`; subclasses may know more.
+
+        Returns:
+            Observations of all humanoids and `info`.
+
+        Raises:
+            ValueError: an unknown option or a bad value of one.
+        """
+        return self.reset_with(self.decoder, seed=seed, options=options)
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[FloatArray, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Execute actions ``(num_envs, ...)``.
+
+        Returns:
+            Observations, rewards, terminated, truncated and `info`. In "SameStep" mode `info["final_obs"]` and
+            `info["final_info"]` hold the last observation and info of episodes that ended.
+
+        Raises:
+            ValueError: actions of a wrong shape, or not finite.
+            gymnasium.error.ResetNeeded: in "Disabled" mode, an episode has ended and was not reset.
+        """
+        return self.step_with(self.decoder, actions)
+
+    def reset_with(
+        self, decoder: ActionDecoder, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """:meth:`reset` for actions that another decoder understands; this is what wrappers of the actions call."""
+        super().reset(seed=seed)
+        options = dict(options or {})
+        ids = self._ids_of_mask(options.pop("reset_mask", None))
+        unknown = sorted(set(options) - set(self.reset_options))
+        if unknown:
+            known = ", ".join(("reset_mask", *self.reset_options))
+            raise ValueError(f"Unknown reset option {unknown[0]!r}; the options that exist are: {known}.")
+        self._start_episodes(ids, options)
+        self._was_reset = True
+        return self.observations(slice(None)), _with_masks(self._info_after_reset(decoder), np.ones(self.num_envs, bool))
+
+    def step_with(
+        self, decoder: ActionDecoder, actions: ArrayLike
+    ) -> tuple[FloatArray, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """:meth:`step` with actions that another decoder understands; this is what wrappers of the actions call."""
+        if len(np.atleast_1d(actions)) != self.num_envs:
+            raise ValueError(f"Expected {self.num_envs} actions, one for each humanoid, got shape {np.shape(actions)}.")
+        commands = decoder.commands(actions)
+        self._check_order()
+        resetting = self._ended.copy()
+        if resetting.any():  # only in "NextStep" mode
+            self._start_episodes(np.flatnonzero(resetting), {})
+
+        info, terminated = self._execute(decoder, commands, ~resetting)
+        reward = np.sum([value for key, value in info.items() if key.startswith("reward_")], axis=0)
+        truncated = np.zeros(self.num_envs, bool)
+        if self._controller_step_limit is not None:
+            truncated = ~terminated & (self._elapsed >= self._controller_step_limit)
+        done = terminated | truncated
+        observation = self.observations(slice(None))
+        final: dict[str, Any] = {}
+        if self.autoreset_mode != AutoresetMode.SAME_STEP:
+            self._ended = done
+        elif done.any():
+            final = _final_entries(observation, info, done)
+            ids = np.flatnonzero(done)
+            self._start_episodes(ids, {})
+            observation[ids] = self.observations(ids)
+            for key, value in self._info_after_reset(decoder).items():
+                info[key][ids] = value[ids]
+        return observation, reward, terminated, truncated, _with_masks(info, np.ones(self.num_envs, bool)) | final
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+        """Pictures of all humanoids, uint8 ``(height, width, 3)`` each; None in a window or without a render mode."""
+        if self._viewer is not None:
+            self._viewer.show(self.simulation.qpos[0])
+        if self._renderer is None:
+            return None
+        return tuple(self._renderer.render(qpos, self._camera) for qpos in self.simulation.qpos)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the GL context and close the window."""
+        for display in (self._renderer, self._viewer):
+            if display is not None:
+                display.close()
+
+    # How a step works
+
+    def _check_order(self) -> None:
+        if not self._was_reset:
+            raise gym.error.ResetNeeded("Call reset() before the first step.")
+        if self.autoreset_mode == AutoresetMode.DISABLED and self._ended.any():
+            raise gym.error.ResetNeeded(
+                f"The episodes of the humanoids {np.flatnonzero(self._ended).tolist()} have ended: call reset(), or "
+                'reset(options={"reset_mask": mask}) for these only, before the next step.'
+            )
+
+    def _ids_of_mask(self, mask: Any) -> NDArray[np.int64]:
+        if mask is None:
+            return np.arange(self.num_envs)
+        mask = np.asarray(mask)
+        if mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(
+                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},) with at least one True, got "
+                f"{mask!r}."
+            )
+        return np.flatnonzero(mask)
+
+    def _start_episodes(self, ids: NDArray[np.int64], options: dict[str, Any]) -> None:
+        """Put some humanoids into start states, as `options` say."""
+        qpos, qvel = self.start_states(len(ids), options.get("initial_state", self.initial_state))
+        self.simulation.reset(ids, qpos, qvel)
+        bodies = self.simulation
+        self.proprioception = self.proprioception.copy()
+        self.proprioception[ids] = observe(
+            bodies.body_positions[ids],
+            bodies.body_quaternions[ids],
+            bodies.body_linear_velocities[ids],
+            bodies.body_angular_velocities[ids],
+        )
+        self._elapsed[ids] = 0
+        self._ended[ids] = False
+        self.begin_episodes(ids, options)
+
+    def _execute(
+        self, decoder: ActionDecoder, commands: FloatArray, running: NDArray[np.bool_]
+    ) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_]]:
+        """Run the controller steps of one action; returns `info` without masks, and who terminated."""
+        commands = np.where(running[:, None], commands, np.float32(0))
+        terminated = np.zeros(self.num_envs, bool)
+        diverged = np.zeros(self.num_envs, bool)
+        executed = np.zeros(self.num_envs, np.int64)
+        sums: dict[str, NDArray[np.float64]] = {}
+        records: list[tuple[FloatArray, NDArray[np.float64]]] = []
+        self.begin_decision()
+        for _ in range(decoder.controller_steps):
+            targets = decoder.targets(self.proprioception, commands)
+            broken = self.simulation.step(targets, None if running.all() else running) & running
+            self.proprioception = self.simulation.observation()
+            executed += running
+            self._elapsed += running
+            # A diverged simulation stands in the rest pose again: nothing that it shows deserves a reward.
+            counted = running & ~broken
+            for key, value in _reward_entries(self.compute_reward(commands)).items():
+                sums[key] = sums.get(key, 0.0) + np.where(counted, value, 0.0)
+            diverged |= broken
+            terminated |= running & (broken | self.has_ended())
+            running = running & ~terminated
+            if self._controller_step_limit is not None:
+                running &= self._elapsed < self._controller_step_limit
+            if self.record_controller_steps:
+                records.append((self.proprioception, self.simulation.qpos.copy()))
+            if self._viewer is not None:
+                self._viewer.show(self.simulation.qpos[0])
+        self._reward_keys = tuple(sums)
+        info: dict[str, NDArray[Any]] = self._state_info()
+        info |= {key: value / np.maximum(executed, 1) for key, value in sums.items()}
+        info |= {"diverged": diverged, "controller_steps": executed} | decoder.info(commands) | self.extra_info()
+        if self.record_controller_steps:
+            info["controller_observations"] = np.stack([observation for observation, _ in records], 1)
+            info["controller_qpos"] = np.stack([qpos for _, qpos in records], 1)
+        return info, terminated
+
+    def _state_info(self) -> dict[str, NDArray[Any]]:
+        """Entries of `info` that describe the present state, new arrays ``(n,)``."""
+        qpos = self.simulation.qpos
+        return {
+            "x_position": qpos[:, 0].copy(),
+            "x_velocity": self.simulation.qvel[:, 0].copy(),
+            "distance_from_origin": np.hypot(qpos[:, 0], qpos[:, 1]),
+            "head_height": self.simulation.head_height,
+        }
+
+    def _info_after_reset(self, decoder: ActionDecoder) -> dict[str, NDArray[Any]]:
+        """The keys of :meth:`_execute` for humanoids that have not acted yet: their state, and zeros."""
+        count = self.num_envs
+        commands = decoder.commands(np.zeros((count, *decoder.space.shape), np.float32))
+        if not self._reward_keys:
+            self._reward_keys = tuple(_reward_entries(self.compute_reward(commands)))
+        info = self._state_info()
+        info |= {key: np.zeros(count) for key in self._reward_keys}
+        info |= {"diverged": np.zeros(count, bool), "controller_steps": np.zeros(count, np.int64)}
+        info |= {key: np.zeros_like(value) for key, value in decoder.info(commands).items()}
+        info |= {key: np.zeros_like(value) for key, value in self.extra_info().items()}
+        if self.record_controller_steps:
+            info["controller_observations"] = np.zeros((count, decoder.controller_steps, OBSERVATION_SIZE), np.float32)
+            info["controller_qpos"] = np.zeros((count, decoder.controller_steps, self.simulation.model.nq))
+        return info
+
+
+def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        names = ", ".join(repr(member.value) for member in AutoresetMode)
+        raise ValueError(f"autoreset_mode must be one of {names}, got {mode!r}.") from None
+
+
+def _rows(values: Any, count: int, size: int, name: str) -> NDArray[np.float64]:
+    """Values ``(size,)`` or ``(count, size)`` as ``(count, size)``."""
+    array = np.asarray(np.nan if values is None else values, np.float64)
+    if array.shape not in ((size,), (count, size)) or not np.isfinite(array).all():
+        raise ValueError(
+            f"options['initial_state']['{name}'] must hold finite numbers of shape ({size},) or ({count}, {size}), got "
+            f"shape {array.shape}."
+        )
+    return np.array(np.broadcast_to(array, (count, size)))
+
+
+def _reward_entries(output: RewardOutput) -> dict[str, NDArray[np.float32]]:
+    """The entries of `info` that a reward makes."""
+    entries = {f"reward_{name}": value for name, value in output.terms.items()}
+    if output.similarity is not None:
+        entries["similarity"] = output.similarity
+    return entries
+
+
+def _with_masks(info: dict[str, NDArray[Any]], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """Gymnasium's vector format: beside each key the humanoids that have it."""
+    return info | {f"_{key}": mask.copy() for key in info}
+
+
+def _final_entries(observation: FloatArray, info: dict[str, NDArray[Any]], done: NDArray[np.bool_]) -> dict[str, Any]:
+    """Gymnasium's "SameStep" format of the last observation and info of the episodes that are done."""
+    final_obs = np.full(len(done), None, dtype=object)
+    for index in np.flatnonzero(done):
+        final_obs[index] = observation[index].copy()
+    final_info = _with_masks({key: value.copy() for key, value in info.items()}, done)
+    return {"final_obs": final_obs, "_final_obs": done.copy(), "final_info": final_info, "_final_info": done.copy()}

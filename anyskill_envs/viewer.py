@@ -1,0 +1,90 @@
+"""A window that shows one humanoid, for `render_mode="human"`."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from anyskill_envs.rendering import RenderingError
+from motion_data.skeleton import load_model
+
+NO_SCREEN_HELP = (
+    'render_mode="human" opens a window, and there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set). '
+    'Use render_mode="rgb_array" for pictures without a window.'
+)
+
+
+def check_screen() -> None:
+    """Check that a window can be opened here.
+
+    Raises:
+        RenderingError: there is no screen.
+    """
+    if platform.system() == "Linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RenderingError(NO_SCREEN_HELP)
+
+
+class HumanoidViewer:
+    """MuJoCo's viewer, following the pelvis, paced to real time. The window opens with the first pose.
+
+    Args:
+        frame_time: seconds between two poses.
+
+    Raises:
+        RenderingError: there is no screen.
+    """
+
+    def __init__(self, frame_time: float) -> None:
+        check_screen()
+        self._frame_time = frame_time
+        self._model = load_model()
+        self._data = mujoco.MjData(self._model)
+        self._handle: Any = None
+        self._next_frame = 0.0
+
+    def show(self, qpos: NDArray[np.float64]) -> None:
+        """Show a pose ``(35,)``; waits so that poses follow each other in real time. Nothing once the window is closed.
+
+        Raises:
+            RenderingError: the window does not open.
+        """
+        if self._handle is None:
+            self._open()
+        if not self._handle.is_running():
+            return
+        with self._handle.lock():
+            self._data.qpos[:] = qpos
+            mujoco.mj_kinematics(self._model, self._data)
+            mujoco.mj_camlight(self._model, self._data)
+        self._handle.sync()
+        wait = self._next_frame - time.perf_counter()
+        if wait > 0:
+            time.sleep(wait)
+        self._next_frame = max(self._next_frame, time.perf_counter() - self._frame_time) + self._frame_time
+
+    def _open(self) -> None:
+        # Imported here: it loads GLFW, which complains where there is no screen.
+        import mujoco.viewer
+
+        try:
+            self._handle = mujoco.viewer.launch_passive(
+                self._model, self._data, show_left_ui=False, show_right_ui=False
+            )
+        except Exception as error:  # GLFW, or macOS without `mjpython`
+            raise RenderingError(f"The window does not open: {error}") from error
+        camera = self._handle.cam
+        camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        camera.trackbodyid = 1
+        camera.distance, camera.azimuth, camera.elevation = 3.5, 150.0, -10.0
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._handle is not None:
+            self._handle.close()
+            self._handle = None
