@@ -52,7 +52,7 @@ COMMANDS: dict[str, Command] = {
 }
 
 # What a user can mend: shown as one sentence. Anything else is a fault of ours and keeps its traceback.
-USER_ERRORS = (ValueError, FileNotFoundError, FileExistsError, ImportError)
+USER_ERRORS = (ValueError, FileNotFoundError, FileExistsError, NotADirectoryError, ImportError)
 
 
 def load_function(target: str) -> Callable[..., Any]:
@@ -82,6 +82,15 @@ def _run(target: str, prog: str, arguments: Sequence[str]) -> int:
         config=(tyro.conf.OmitArgPrefixes,),
     )
     return result if isinstance(result, int) else 0
+
+
+def _is_user_error(error: Exception) -> bool:
+    if isinstance(error, RuntimeError):
+        # Imported here: it loads MuJoCo, which a command that fails with it has loaded already.
+        from anyskill_envs.rendering import RenderingError
+
+        return isinstance(error, RenderingError)
+    return isinstance(error, USER_ERRORS)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -115,8 +124,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         target, rest, prog = command.subcommands[choice], rest[1:], f"{prog} {choice}"
     try:
         return _run(target, prog, rest)
-    except USER_ERRORS as error:
-        if os.environ.get("ANYSKILL_TRACEBACK"):
+    except Exception as error:
+        if os.environ.get("ANYSKILL_TRACEBACK") or not _is_user_error(error):
             raise
         print(f"{prog}: {error}\n(ANYSKILL_TRACEBACK=1 shows where)", file=sys.stderr)
         return 2

@@ -1,0 +1,115 @@
+"""Episodes of a trained policy: what it did, judged by similarity, falls and, where the text has one, a check."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.text.checks import Trajectory, fell, find_check
+from motion_data.skeleton import FRAME_RATE, forward_kinematics
+
+EPISODE_DECISIONS = 60
+"""Decisions (1/6 s) of an episode of 10 s, as registered."""
+
+Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+"""Observations `(n, 223)` to actions `(n, 64)`."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode of 10 s, or less if it terminated.
+
+    Attributes:
+        qpos: Poses at 30 Hz, `(T, 35)`.
+        similarity: Mean similarity of text and motion.
+        reward: Mean reward per decision over the whole episode; decisions after a termination count 0.
+        fell: Whether it terminated by a fall, or the head came below 0.5 m.
+        success: What the check says, and no fall; None for a text without a check.
+    """
+
+    qpos: NDArray[np.float64]
+    similarity: float
+    reward: float
+    fell: bool
+    success: bool | None
+
+
+def judge(qpos: NDArray[np.float64], terminated: bool, text: str) -> tuple[bool, bool | None]:
+    """Whether the humanoid fell, and whether it did what the text says (None for a text without a check)."""
+    trajectory = Trajectory(*forward_kinematics(qpos))
+    has_fallen = terminated or fell(trajectory)
+    check = find_check(text)
+    return has_fallen, None if check is None else check(trajectory) and not has_fallen
+
+
+def run_episodes(policy: Policy, text: str, episodes: int, seed: int, **options: Any) -> list[Episode]:
+    """Runs episodes from slightly different standing poses, all at once.
+
+    Args:
+        policy: What acts; give a deterministic one.
+        text: The text of the environment.
+        episodes: How many.
+        seed: Seed of the environment.
+        **options: Further arguments of HumanoidText-v0.
+
+    Returns:
+        The episodes.
+    """
+    env = gym.make_vec(
+        "anyskill_envs:HumanoidText-v0", num_envs=episodes, text=text, record_controller_steps=True, **options
+    )
+    observation, _ = env.reset(seed=seed)
+    frames: list[list[NDArray[np.float64]]] = [[] for _ in range(episodes)]
+    similarity, reward_sum = np.zeros(episodes), np.zeros(episodes)
+    decisions = np.zeros(episodes, np.int64)
+    fallen = np.zeros(episodes, bool)
+    running = np.ones(episodes, bool)
+    for _ in range(EPISODE_DECISIONS):
+        observation, reward, terminated, truncated, info = env.step(policy(observation))
+        for index in np.flatnonzero(running).tolist():
+            # after a termination inside a decision the humanoid keeps its state: only executed steps count
+            executed = int(info["controller_steps"][index])
+            frames[index].append(info["controller_qpos"][index, :executed])
+        if "similarity" in info:
+            similarity += np.where(running, info["similarity"], 0.0)
+        reward_sum += np.where(running, reward, 0.0)
+        decisions += running
+        fallen |= running & terminated
+        running &= ~(terminated | truncated)
+        if not running.any():
+            break
+    env.close()
+    results = []
+    for index in range(episodes):
+        qpos = np.concatenate(frames[index])
+        has_fallen, success = judge(qpos, bool(fallen[index]), text)
+        results.append(
+            Episode(
+                qpos=qpos,
+                similarity=float(similarity[index] / decisions[index]),
+                reward=float(reward_sum[index] / EPISODE_DECISIONS),
+                fell=has_fallen,
+                success=success,
+            )
+        )
+    return results
+
+
+def summarise(episodes: list[Episode], text: str) -> dict[str, Any]:
+    """Rates and means of some episodes, as JSON values; `success_rate` is None for a text without a check."""
+    check = find_check(text)
+    successes = [episode.success for episode in episodes if episode.success is not None]
+    return {
+        "episodes": len(episodes),
+        "check": None if check is None else (check.__doc__ or "").strip().splitlines()[0],
+        "success_rate": float(np.mean(successes)) if successes else None,
+        "fall_rate": float(np.mean([episode.fell for episode in episodes])),
+        "similarity": float(np.mean([episode.similarity for episode in episodes])),
+        "reward": float(np.mean([episode.reward for episode in episodes])),
+        "seconds": [round(len(episode.qpos) / FRAME_RATE, 2) for episode in episodes],
+    }

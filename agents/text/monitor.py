@@ -1,0 +1,200 @@
+"""What runs beside PPO: the time budget, the history of the run, its checkpoints and the progress bar."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+import zipfile
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
+
+from agents.text.checks import FALL_HEAD_HEIGHT
+from agents.text.run_folder import RunFolder, write_whole
+from anyskill_envs.simulation import CONTROLLER_STEPS
+
+CHECKPOINT_SECONDS = 60.0
+LINE_SECONDS = 30.0
+"""Where there is no terminal for a progress bar, a line is printed this often."""
+
+_PROGRESS_FILE = "progress.json"
+
+
+def save_checkpoint(model: PPO, path: Path, progress: dict[str, Any]) -> None:
+    """Writes model, optimiser and progress into one zip file, whole or not at all.
+
+    Args:
+        model: The model.
+        path: The file, ending in .zip; `PPO.load` reads it too.
+        progress: What else is needed to continue, JSON values.
+    """
+
+    def write(temporary: Path) -> None:
+        buffer = io.BytesIO()
+        model.save(buffer)
+        with zipfile.ZipFile(buffer, "a") as archive:
+            archive.writestr(_PROGRESS_FILE, json.dumps(progress))
+        temporary.write_bytes(buffer.getvalue())
+
+    write_whole(path, write)
+
+
+def load_checkpoint(path: Path, env: VecEnv) -> tuple[PPO, dict[str, Any]]:
+    """Reads a checkpoint.
+
+    Args:
+        path: The file.
+        env: The environment to go on with.
+
+    Returns:
+        The model with its optimiser and step count, and the progress.
+
+    Raises:
+        ValueError: The file is broken, or from a run with other spaces.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            progress = json.loads(archive.read(_PROGRESS_FILE))
+        model = PPO.load(path, env=env, device="cpu")
+    except (zipfile.BadZipFile, KeyError, ValueError, AssertionError) as error:
+        raise ValueError(
+            f"'{path}' cannot be read as a checkpoint of this run ({error}); start anew with --overwrite."
+        ) from error
+    return model, progress
+
+
+class ProgressDisplay:
+    """A progress bar over wall-clock seconds with the time left; lines of text where there is no terminal.
+
+    Args:
+        total: Seconds that the whole takes.
+        shown: False shows nothing.
+    """
+
+    def __init__(self, total: float, shown: bool) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self._total = total
+        self._console = Console()
+        self._last_line = -np.inf
+        self._lines = shown and not self._console.is_terminal
+        self._bar = Progress(
+            TextColumn("{task.fields[stage]}"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[left]} left"),
+            TextColumn("{task.fields[note]}"),
+            console=self._console,
+            disable=not shown or self._lines,
+        )
+        self._task = self._bar.add_task("train", total=total, stage="starting", left="", note="")
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def show(self, seconds: float, stage: str, note: str = "") -> None:
+        """Shows that `seconds` of the total are over."""
+        seconds = min(seconds, self._total)
+        minutes, rest = divmod(round(self._total - seconds), 60)
+        left = f"{minutes}:{rest:02d}"
+        self._bar.update(self._task, completed=seconds, stage=stage, left=left, note=note)
+        if self._lines and time.monotonic() - self._last_line >= LINE_SECONDS:
+            self._last_line = time.monotonic()
+            print(f"{stage}: {seconds / self._total:.0%}, {left} left, {note}", flush=True)
+
+
+class TrainingMonitor(BaseCallback):
+    """Stops PPO when its time is over, and keeps history, TensorBoard, checkpoints and progress bar up to date.
+
+    The history has one entry per update: `seconds` of training, `decisions` taken, and the means over the update of
+    `reward`, `similarity` and `lying` (share of decisions that end with the head centre below 0.5 m), and `falls`
+    (share of the episodes that ended in it which ended by termination; None if none ended).
+
+    Args:
+        folder: The run's folder.
+        display: The progress display.
+        budget: Seconds of training, those before a resumption included.
+        progress: Progress of the run so far, with "seconds" and "history"; further entries are kept.
+    """
+
+    def __init__(self, folder: RunFolder, display: ProgressDisplay, budget: float, progress: dict[str, Any]) -> None:
+        super().__init__()
+        self.progress = progress
+        self._folder = folder
+        self._display = display
+        self._budget = budget
+        self._seconds_before = float(progress["seconds"])
+        self._start = time.monotonic()
+        self._last_checkpoint = self._start
+        self._sums: dict[str, float] = {}
+        self._count = 0
+        self._ended = self._fallen = 0
+        self._new_decisions = 0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of training so far, those before a resumption included."""
+        return self._seconds_before + time.monotonic() - self._start
+
+    @property
+    def controller_steps_per_second(self) -> float:
+        """Controller steps per second of this process, learning included."""
+        return self._new_decisions * CONTROLLER_STEPS / max(time.monotonic() - self._start, 1e-9)
+
+    def _on_step(self) -> bool:
+        infos: list[dict[str, Any]] = self.locals["infos"]
+        self._count += len(infos)
+        self._new_decisions += len(infos)
+        sums = {
+            "reward": float(np.sum(self.locals["rewards"])),
+            "similarity": float(np.sum([info.get("similarity", 0.0) for info in infos])),
+            "lying": float(np.sum([info["head_height"] < FALL_HEAD_HEIGHT for info in infos])),
+        }
+        for name, value in sums.items():
+            self._sums[name] = self._sums.get(name, 0.0) + value
+        for info, done in zip(infos, self.locals["dones"], strict=True):
+            if done:
+                self._ended += 1
+                self._fallen += not info.get("TimeLimit.truncated", False)
+        return self.seconds < self._budget
+
+    def _on_rollout_end(self) -> None:
+        if not self._count:
+            return
+        entry = {name: value / self._count for name, value in self._sums.items()}
+        entry |= {"seconds": self.seconds, "decisions": self.num_timesteps}
+        history_entry = entry | {"falls": self._fallen / self._ended if self._ended else None}
+        self.progress["history"].append(history_entry)
+        for name, value in history_entry.items():
+            if value is not None and name not in ("seconds", "decisions"):
+                self.logger.record(f"text/{name}", value)
+        speed = self.controller_steps_per_second
+        self.logger.record("text/controller_steps_per_second", speed)
+        note = f"similarity {entry['similarity']:.3f}, {speed:,.0f} controller steps/s"
+        self._display.show(self.seconds, "learning", note)
+        self._sums, self._count, self._ended, self._fallen = {}, 0, 0, 0
+
+    def _on_rollout_start(self) -> None:
+        # between two updates the model is consistent
+        if time.monotonic() - self._last_checkpoint >= CHECKPOINT_SECONDS:
+            self.save()
+
+    def save(self) -> None:
+        """Writes a checkpoint."""
+        self.progress["seconds"] = self.seconds
+        save_checkpoint(self.model, self._folder.checkpoint, self.progress)  # type: ignore[arg-type]
+        self._last_checkpoint = time.monotonic()
