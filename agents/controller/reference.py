@@ -30,6 +30,8 @@ class ReferenceMotions:
         qvel: Velocities, ``(F, 34)``.
         observations: What the humanoid would observe in this state, ``(F, 223)``.
         feedforward: Joint angles led by 0.05 s, ``(F, 28)``: PD control follows them closely.
+        period: Frames after which a held motion window starts again: whole cycles of a loop, else the window, ``(F,)``.
+        seamless: Whether the window can start again without a jump (loops), ``(F,)`` bool.
         upright: Frames in which the humanoid is on its feet, ``(F,)`` bool.
 
     Raises:
@@ -43,10 +45,16 @@ class ReferenceMotions:
         twice = {name for name in self.names if self.names.count(name) > 1}
         if twice:
             raise ValueError(f"Clips with the same name: {', '.join(sorted(twice))}. Rename them.")
-        clips = [clip.resampled().repeated(_LOOP_SECONDS) for clip in clips]
+        clips = [clip.resampled() for clip in clips]
+        cycles = [len(clip) - 1 if clip.loop else WINDOW_FRAMES - 1 for clip in clips]
+        period = [cycle * max(1, (WINDOW_FRAMES - 1) // cycle) for cycle in cycles]
+        looping = [clip.loop for clip in clips]
+        clips = [clip.repeated(_LOOP_SECONDS) for clip in clips]
         self.clips = clips
         self.lengths = np.array([len(clip) for clip in clips])
         self.starts = np.concatenate([[0], np.cumsum(self.lengths)[:-1]])
+        self.period = np.repeat(period, self.lengths)
+        self.seamless = np.repeat(looping, self.lengths)
         self.clip_of_frame = np.repeat(np.arange(len(clips)), self.lengths)
         self.last = np.repeat(self.starts + self.lengths - 1, self.lengths)
         self.qpos = np.concatenate([clip.qpos for clip in clips])

@@ -287,7 +287,7 @@ def evaluate_tracking(
     clips = np.repeat(np.arange(len(motions.names)), episodes)
     room = np.maximum(motions.lengths[clips] - 1 - limit, 0)
     phase = (np.tile(np.linspace(0, 1, episodes), len(motions.names)) * room).astype(int)
-    config = TrackingConfig(failure_distance=np.inf, episode_steps=10**9, switch_probability=0.0)
+    config = TrackingConfig(failure_distance=np.inf, episode_steps=10**9)
     tracking = Tracking(motions, len(clips), np.random.default_rng(0), config)
     tracking.reset(np.arange(len(clips)), motions.starts[clips] + phase)
     length = np.minimum(motions.lengths[clips] - 1 - phase, limit)

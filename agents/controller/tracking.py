@@ -29,8 +29,10 @@ class TrackingConfig:
     """Mean distance of the bodies from the reference, relative to the root (metres), that ends an episode."""
     episode_steps: int = 150
     """Longest episode, controller steps."""
-    switch_probability: float = 0.008
-    """Chance per step that the reference changes to another upright clip."""
+    mean_holds: tuple[int, ...] = (5, 15, 30, 90)
+    """How long a motion window stays the intent: each episode draws one mean (steps), each hold U{1, 2 mean}."""
+    switch_probabilities: tuple[float, ...] = (0.1, 0.3, 1.0)
+    """Chance that the next window comes from another upright moment of the library; each episode draws one."""
     grace_steps: int = 24
     """Steps after a switch during which distance from the reference does not end the episode; a fall does."""
     joint_noise: float = 0.02
@@ -55,6 +57,9 @@ class Tracking:
 
     Attributes:
         frame: Reference frame of each humanoid, ``(n,)``.
+        window: First frame of the 2 s window that is the humanoid's current intent, ``(n,)``. It is renewed at random
+            times; while it is held, the reference starts it again whenever it ends.
+        renewed: Humanoids whose window was renewed by the last step or reset, ``(n,)`` bool.
         observation: Current observations, float32 ``(n, 223)``.
     """
 
@@ -76,6 +81,11 @@ class Tracking:
         n = num_humanoids
         self.frame = np.zeros(n, int)
         self._age = np.zeros(n, int)
+        self.window = np.zeros(n, int)
+        self.renewed = np.ones(n, bool)
+        self._hold_left = np.zeros(n, int)
+        self._mean_hold = np.ones(n, int)
+        self._switch = np.zeros(n)
         self._grace = np.zeros(n, int)
         self._push_left = np.zeros(n, int)
         self._force = np.zeros((n, 3))
@@ -98,6 +108,11 @@ class Tracking:
         qvel += self.config.velocity_noise * self._rng.standard_normal(qvel.shape)
         self.simulation.reset(ids, qpos, qvel)
         self.frame[ids] = frames
+        self.window[ids] = frames
+        self.renewed[ids] = True
+        self._mean_hold[ids] = self._rng.choice(self.config.mean_holds, count)
+        self._switch[ids] = self._rng.choice(self.config.switch_probabilities, count)
+        self._hold_left[ids] = self._rng.integers(1, 2 * self._mean_hold[ids] + 1)
         self._age[ids] = 0
         self._grace[ids] = 0
         self._push_left[ids] = 0
@@ -136,7 +151,6 @@ class Tracking:
         self._push()
         diverged = self.simulation.step(targets)
         motions = self.motions
-        at_end = self.frame >= motions.last[self.frame] - 1
         self.frame = motions.ahead(self.frame, 1)
         self._age += 1
         self._grace = np.maximum(self._grace - 1, 0)
@@ -147,18 +161,33 @@ class Tracking:
         far = (tracking_distance(self.observation, expected) > self.config.failure_distance) & (self._grace == 0)
         failed = diverged | fell | far
         rewards[failed] = 0
-
-        upright = motions.upright[self.frame]
-        switch = upright & ~failed & (at_end | (self._rng.random(len(self.frame)) < self.config.switch_probability))
-        truncated = ~failed & ((self._age >= self.config.episode_steps) | (at_end & ~switch))
-        switch &= ~truncated
-        if len(self._switch_targets):
-            self.frame[switch] = self._rng.choice(self._switch_targets, switch.sum())
-            self._grace[switch] = self.config.grace_steps
+        truncated = ~failed & (self._age >= self.config.episode_steps)
         ended = np.flatnonzero(failed | truncated)
         self._update_probabilities(motions.clip_of_frame[self.frame[ended]], failed[ended])
+        self._advance_windows()
         self.reset(ended)
         return rewards, failed, truncated
+
+    def _advance_windows(self) -> None:
+        """Renews the windows whose time is up, and starts held windows again when they end."""
+        motions, rng = self.motions, self._rng
+        upright = motions.upright[self.frame]
+        self._hold_left -= 1
+        renewed = self._hold_left <= 0
+        count = int(renewed.sum())
+        self._hold_left[renewed] = rng.integers(1, 2 * self._mean_hold[renewed] + 1)
+        switch = renewed & upright & (rng.random(len(renewed)) < self._switch)
+        if len(self._switch_targets):
+            self.frame[switch] = rng.choice(self._switch_targets, int(switch.sum()))
+        if count:
+            self.window[renewed] = self.frame[renewed]
+        # A held window that ends starts again if both its ends are on the feet; otherwise its last pose is held.
+        length = np.minimum(motions.period[self.window], motions.last[self.window] - self.window)
+        repeat = ~renewed & (self.frame - self.window >= length) & upright & motions.upright[self.window]
+        self.frame[repeat] = self.window[repeat]
+        jumped = switch | (repeat & ~motions.seamless[self.window])
+        self._grace[jumped] = self.config.grace_steps
+        self.renewed = renewed
 
     def _push(self) -> None:
         if not self.config.push_probability:

@@ -1,0 +1,233 @@
+"""Stage 2: distil the tracking policy into a latent-conditioned controller, by DAgger (Ross et al. 2011).
+
+The student acts, the teacher labels the states that the student visits. The student's latent comes from the reference
+window alone and is held for random times, while the reference goes on or starts the window again; so a latent is an
+intent: it does not see the state, and freezing it keeps the behaviour going.
+"""
+
+import logging
+import os
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.progress import Progress
+from torch import nn
+
+from agents.controller.evaluate import evaluate_random
+from agents.controller.networks import fast_arithmetic
+from agents.controller.reference import ReferenceMotions
+from agents.controller.student import WINDOW_OFFSETS, Student
+from agents.controller.teacher import Teacher
+from agents.controller.tracking import Tracking, TrackingConfig
+from anyskill_envs.controller import LATENT_SIZE
+from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
+from motion_data.skeleton import MIRROR_JOINT_SIGNS, MIRROR_JOINTS
+from motion_data.window import WINDOW_FEATURES, WINDOW_MIRROR_INDEX, WINDOW_MIRROR_SIGN
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DistillConfig:
+    """Settings of distillation; measured on two cores."""
+
+    minutes: float = 25.0
+    """Training time in minutes, over all sessions."""
+    num_humanoids: int = 512
+    """Humanoids simulated at once."""
+    horizon: int = 16
+    """Controller steps between learning."""
+    buffer_rollouts: int = 60
+    """How many of the last rollouts are learned from."""
+    gradient_steps: int = 16
+    """Gradient steps per rollout."""
+    batch: int = 4096
+    """Samples per gradient step; half of them mirrored."""
+    learning_rate: float = 1e-3
+    """First learning rate; it falls linearly to a tenth."""
+    latent_noise: float = 0.15
+    """Length of the random vector added to a latent before it is normalised again: what is close must act alike."""
+    action_noise: float = 0.02
+    """Standard deviation of the noise on the student's targets, radians."""
+    uniformity: float = 0.02
+    """Weight of CALM's uniformity loss: spreads the latents over the sphere."""
+    alignment: float = 0.02
+    """Weight of CALM's alignment loss: windows of one clip within 0.5 s lie close together."""
+    seed: int = 0
+    """Seed of everything random."""
+    threads: int = 0
+    """Threads for physics and learning; 0 for one per CPU."""
+    tracking: TrackingConfig = field(
+        default_factory=lambda: TrackingConfig(failure_distance=0.5, episode_steps=300, push_probability=0.005)
+    )
+    """How episodes run."""
+
+
+class DistillTrainer:
+    """DAgger from a teacher to a :class:`Student`, resumable from its checkpoint.
+
+    Args:
+        teacher: The tracking policy.
+        motions: The reference motions.
+        folder: Where the checkpoint ``student.pt`` lives.
+        config: Settings.
+    """
+
+    def __init__(self, teacher: Teacher, motions: ReferenceMotions, folder: Path, config: DistillConfig):
+        self.config, self.teacher, self.motions = config, teacher, motions
+        self.path = folder / "student.pt"
+        folder.mkdir(parents=True, exist_ok=True)
+        torch.set_num_threads(config.threads or len(os.sched_getaffinity(0)))
+        torch.manual_seed(config.seed)
+        self.student = Student()
+        self.optimizer = torch.optim.AdamW(self.student.parameters(), config.learning_rate, weight_decay=1e-4, fused=True)
+        self.samples, self.seconds = 0, 0.0
+        fresh = not self.path.exists()
+        if not fresh:
+            state = torch.load(self.path, weights_only=True)
+            self.student.load_state_dict(state["model"])
+            self.optimizer.load_state_dict(state["optimizer"])
+            self.samples, self.seconds = state["samples"], state["seconds"]
+        rng = np.random.default_rng((config.seed, self.samples))
+        self.tracking = Tracking(motions, config.num_humanoids, rng, config.tracking, config.threads)
+        self._window_inputs = self._all_window_inputs()
+        if fresh:
+            self.student.encoder.normalizer.update(self._window_inputs)
+            with torch.no_grad():
+                last = self.student.policy.network[-1]
+                assert isinstance(last, nn.Linear)
+                last.bias.copy_(torch.from_numpy(motions.feedforward.mean(0)))
+        self._latent = torch.zeros(config.num_humanoids, LATENT_SIZE)
+        self._observations: list[torch.Tensor] = []
+        self._windows: list[torch.Tensor] = []
+        self._targets: list[torch.Tensor] = []
+
+    def _all_window_inputs(self) -> torch.Tensor:
+        """Encoder inputs of every frame's window, ``(F, ENCODER_INPUT)``."""
+        parts = []
+        for chunk in np.array_split(np.arange(len(self.motions)), max(1, len(self.motions) // 2000)):
+            parts.append(self.motions.windows(chunk)[:, WINDOW_OFFSETS].reshape(len(chunk), -1))
+        return torch.from_numpy(np.concatenate(parts))
+
+    def save(self) -> None:
+        """Writes the checkpoint, whole or not at all."""
+        temporary = self.path.with_suffix(".tmp")
+        state = {
+            "model": self.student.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "samples": self.samples,
+            "seconds": self.seconds,
+        }
+        torch.save(state, temporary)
+        os.replace(temporary, self.path)
+
+    def train(self) -> Student:
+        """Trains until the time is used up; saves every minute."""
+        budget, saved, update = 60 * self.config.minutes, time.monotonic(), 0
+        with Progress() as progress:
+            bar = progress.add_task("distillation", total=budget, completed=self.seconds)
+            while self.seconds < budget:
+                start = time.monotonic()
+                rate = self.config.learning_rate * max(0.1, 1 - self.seconds / budget)
+                for group in self.optimizer.param_groups:
+                    group["lr"] = rate
+                failures = self._rollout()
+                loss = self._learn()
+                self.seconds += time.monotonic() - start
+                update += 1
+                text = f"distillation: target error {loss**0.5:.4f} rad, failures {failures:.4f}/step"
+                progress.update(bar, completed=self.seconds, description=text)
+                if update % 20 == 0:
+                    _LOG.info("%.0f s %.2f M samples %s", self.seconds, self.samples / 1e6, text)
+                if update % 200 == 0:
+                    falls = evaluate_random(self.student, self.student, self.motions, episodes=100)
+                    _LOG.info("falls under random latents of standing clips: %.2f", falls)
+                if time.monotonic() - saved > 60:
+                    self.save()
+                    saved = time.monotonic()
+        self.save()
+        return self.student
+
+    def _rollout(self) -> float:
+        config, tracking = self.config, self.tracking
+        observations, windows, targets = [], [], []
+        failures = 0.0
+        imitate = self.samples < 3 * config.horizon * config.num_humanoids  # the first rollouts show the teacher's states
+        for _ in range(config.horizon):
+            label = self.teacher.act(tracking.policy_input(), tracking.feedforward())
+            renewed = np.flatnonzero(tracking.renewed)
+            observation = torch.from_numpy(tracking.observation)
+            self.student.policy.normalizer.update(observation)
+            with torch.no_grad(), fast_arithmetic():
+                if len(renewed):
+                    self._latent[renewed] = self._encode(self._window_inputs[tracking.window[renewed]])
+                action = self.student.policy(observation, self._latent).numpy()
+            observations.append(observation)
+            windows.append(torch.from_numpy(tracking.window.copy()))
+            targets.append(torch.from_numpy(label))
+            if imitate:
+                action = label
+            noise = config.action_noise * torch.randn(action.shape).numpy()
+            _, failed, _ = tracking.step(action + noise)
+            failures += failed.mean() / config.horizon
+        for buffer, new in ((self._observations, observations), (self._windows, windows), (self._targets, targets)):
+            buffer.append(torch.cat(new))
+            del buffer[: -config.buffer_rollouts]
+        self.samples += config.horizon * config.num_humanoids
+        return float(failures)
+
+    def _encode(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Latents with noise, on the sphere again."""
+        latent = self.student.encoder.encode_flat(inputs)
+        latent = latent + self.config.latent_noise * torch.randn_like(latent) / LATENT_SIZE**0.5
+        return latent / latent.norm(dim=-1, keepdim=True)
+
+    def _learn(self) -> float:
+        config, losses = self.config, []
+        for _ in range(config.gradient_steps):
+            # A quarter of each batch comes from the newest rollout, the rest from three random ones.
+            chosen = [len(self._targets) - 1, *torch.randint(len(self._targets), (3,)).tolist()]
+            rows = [torch.randint(len(self._targets[k]), (config.batch // 4,)) for k in chosen]
+            observation = torch.cat([self._observations[k][r] for k, r in zip(chosen, rows, strict=True)])
+            window = torch.cat([self._windows[k][r] for k, r in zip(chosen, rows, strict=True)])
+            target = torch.cat([self._targets[k][r] for k, r in zip(chosen, rows, strict=True)])
+            inputs = self._window_inputs[window]
+            mirror = torch.rand(len(target)) < 0.5
+            observation = torch.where(mirror[:, None], _mirror_observation(observation), observation)
+            target = torch.where(mirror[:, None], _mirror_targets(target), target)
+            inputs = torch.where(mirror[:, None], _mirror_windows(inputs), inputs)
+            later = torch.from_numpy(self.motions.ahead(window.numpy(), np.random.default_rng(len(losses)).integers(1, 16)))
+            with fast_arithmetic():
+                latent = self._encode(inputs)
+                action = self.student.policy(observation, latent)
+                few = slice(0, 512)
+                aligned = self.student.encoder.encode_flat(self._window_inputs[window[few]])
+                shifted = self.student.encoder.encode_flat(self._window_inputs[later[few]])
+            error = (action - target).square().mean()
+            align = (aligned - shifted).square().sum(-1).mean()
+            uniform = torch.pdist(aligned).square().mul(-2).exp().mean().log()
+            loss = error + config.uniformity * uniform + config.alignment * align
+            self.optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(self.student.parameters(), 1.0)
+            self.optimizer.step()
+            losses.append(float(error))
+        return float(np.mean(losses))
+
+
+def _mirror_observation(observation: torch.Tensor) -> torch.Tensor:
+    return observation[:, MIRROR_INDEX] * torch.from_numpy(MIRROR_SIGN)
+
+
+def _mirror_targets(target: torch.Tensor) -> torch.Tensor:
+    return target[:, MIRROR_JOINTS] * torch.from_numpy(MIRROR_JOINT_SIGNS.astype(np.float32))
+
+
+def _mirror_windows(inputs: torch.Tensor) -> torch.Tensor:
+    frames = inputs.view(len(inputs), len(WINDOW_OFFSETS), WINDOW_FEATURES)
+    return (frames[..., WINDOW_MIRROR_INDEX] * torch.from_numpy(WINDOW_MIRROR_SIGN)).flatten(1)
+
+
