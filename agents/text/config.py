@@ -48,6 +48,9 @@ class TrainConfig:
     reward: str = "clip"
     """Name of the reward."""
 
+    encoder: str = "bundled"
+    """Name of the encoder that compares text and motion."""
+
     controller: Path | None = None
     """Low-level controller (ONNX); the bundled one by default."""
 

@@ -77,7 +77,8 @@ def _resumed(config: TrainConfig, folder: RunFolder) -> TrainConfig:
 
 def environment_options(config: TrainConfig) -> dict[str, Any]:
     """Arguments of HumanoidText-v0 that a run's options stand for."""
-    return {"reward": config.reward, "controller": None if config.controller is None else str(config.controller)}
+    controller = None if config.controller is None else str(config.controller)
+    return {"reward": config.reward, "encoder": config.encoder, "controller": controller}
 
 
 def make_environment(config: TrainConfig, num_envs: int) -> VecEnv:

@@ -1,0 +1,323 @@
+"""The main job from options to report, on small models: what it writes, how it resumes, and what it refuses."""
+
+import dataclasses
+import json
+
+import envs_common  # noqa: F401  (registers the encoder "small")
+import gymnasium as gym
+import numpy as np
+import onnx
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.vector.utils import batch_space
+from stable_baselines3 import PPO
+
+from agents.text import checks
+from agents.text.config import TrainConfig
+from agents.text.evaluate import judge, run_episodes
+from agents.text.export import OnnxPolicy, parity_error
+from agents.text.monitor import load_checkpoint
+from agents.text.play import play
+from agents.text.run_folder import RunFolder, slug, write_whole
+from agents.text.search import search_latent
+from agents.text.train import make_environment, make_model, train
+from motion_data.skeleton import joint_index, rest_qpos
+
+TEXT = "raise both arms above the head"
+
+
+def small_config(folder, controller, **changes):
+    options = {
+        "text": TEXT, "output": folder, "minutes": 0.05, "num_envs": 8, "batch_size": 64, "hidden": (16,),
+        "encoder": "small", "controller": controller, "evaluation_episodes": 2, "warm_start": "none", "progress": False,
+        "video": False,
+    }  # fmt: skip
+    return TrainConfig(**(options | changes))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, controller_file):
+    """A finished run of three seconds, with search and video."""
+    config = small_config(tmp_path_factory.mktemp("runs") / "arms", controller_file, video=True, num_envs=16)
+    assert train(config) == 0
+    return RunFolder(config.output), config
+
+
+def test_a_run_writes_all_it_promises(finished):
+    folder, config = finished
+    for path in (folder.config, folder.checkpoint, folder.policy, folder.onnx, folder.curve, folder.report):
+        assert path.stat().st_size > 0
+    assert list(folder.tensorboard.iterdir())
+    assert not list(folder.path.glob(".*partial*"))
+    report = json.loads(folder.report.read_text())
+    assert report["text"] == TEXT
+    assert report["config"]["seed"] == config.seed
+    assert report["training"]["decisions"] == PPO.load(folder.policy).num_timesteps > 0
+    assert report["training"]["controller_steps"] == 5 * report["training"]["decisions"]
+    assert report["training"]["controller_steps_per_second"] > 0
+    assert report["evaluation"]["episodes"] == 2
+    assert report["evaluation"]["check"].startswith("Both hands")
+    assert 0 <= report["evaluation"]["fall_rate"] <= 1
+    assert {"seconds", "decisions", "similarity", "reward", "falls"} <= report["history"][0].keys()
+    assert report["video"] == "video.mp4"
+
+
+def test_the_video_can_be_read_and_is_as_long_as_the_episode(finished):
+    import imageio_ffmpeg
+
+    folder, _ = finished
+    meta = next(imageio_ffmpeg.read_frames(str(folder.video)))
+    report = json.loads(folder.report.read_text())
+    assert meta["size"] == (854, 480)
+    assert meta["duration"] == pytest.approx(report["evaluation"]["seconds"][0], abs=0.1)
+
+
+def test_the_exported_policy_acts_as_the_model(finished):
+    folder, config = finished
+    model = PPO.load(folder.policy)
+    observations = np.random.default_rng(0).normal(0, 3, (50, 223)).astype(np.float32)
+    assert parity_error(model, folder.onnx, observations) <= 1e-5
+    for count in (1, 7):  # any batch size
+        assert OnnxPolicy(folder.onnx)(observations[:count]).shape == (count, 64)
+    contract = OnnxPolicy(folder.onnx).contract
+    assert contract["text"] == TEXT
+    assert contract["latent_size"] == "64"
+    assert len(contract["controller_sha256"]) == 64
+
+
+def test_an_exported_policy_that_differs_is_refused(finished):
+    folder, config = finished
+    other = make_model(dataclasses.replace(config, seed=5, batch_size=32), make_environment(config, 2))
+    with pytest.raises(RuntimeError, match="differs"):
+        parity_error(other, folder.onnx, np.ones((3, 223), np.float32))
+
+
+def test_a_file_that_is_no_policy_is_refused(tmp_path, controller_file):
+    with pytest.raises(ValueError, match="no text policy"):
+        OnnxPolicy(controller_file)
+    (tmp_path / "policy.onnx").write_bytes(b"not an ONNX file")
+    with pytest.raises(ValueError, match="no readable ONNX"):
+        OnnxPolicy(tmp_path / "policy.onnx")
+    with pytest.raises(FileNotFoundError, match="anyskill train"):
+        OnnxPolicy(tmp_path / "missing.onnx")
+
+
+def test_a_policy_for_another_observation_is_refused(finished, tmp_path):
+    folder, _ = finished
+    proto = onnx.load(folder.onnx)
+    metadata = OnnxPolicy(folder.onnx).contract | {"observation_size": "7"}
+    onnx.helper.set_model_props(proto, metadata)
+    onnx.save(proto, tmp_path / "policy.onnx")
+    with pytest.raises(ValueError, match="train the policy again"):
+        OnnxPolicy(tmp_path / "policy.onnx")
+
+
+def test_an_existing_run_is_neither_touched_nor_resumed_unasked(finished):
+    folder, config = finished
+    before = folder.report.read_bytes()
+    with pytest.raises(FileExistsError, match="--resume.*--overwrite"):
+        train(config)
+    assert folder.report.read_bytes() == before
+
+
+def test_resuming_goes_on_where_the_checkpoint_stands(tmp_path, controller_file):
+    config = small_config(tmp_path / "run", controller_file)
+    train(config)
+    folder = RunFolder(config.output)
+    env = make_environment(config, config.num_envs)
+    model, progress = load_checkpoint(folder.checkpoint, env)
+    first = json.loads(folder.report.read_text())
+    assert progress["history"] == first["history"]
+    assert model.policy.optimizer.state_dict()["state"]  # Adam's moments came along
+
+    # The options of the run count, not the defaults of the new command; only the time is new.
+    train(TrainConfig(TEXT, output=config.output, resume=True, minutes=0.1, video=False, progress=False))
+    second = json.loads(folder.report.read_text())
+    assert second["history"][: len(first["history"])] == first["history"]
+    assert second["training"]["decisions"] > first["training"]["decisions"]
+    assert second["training"]["minutes"] == pytest.approx(0.1, abs=0.03)
+    assert second["config"]["num_envs"] == config.num_envs
+
+
+def test_resuming_needs_the_same_text_and_a_checkpoint(finished, tmp_path):
+    folder, config = finished
+    with pytest.raises(ValueError, match="choose another --output"):
+        train(dataclasses.replace(config, text="squat down", resume=True))
+    with pytest.raises(FileNotFoundError, match="no checkpoint"):
+        train(dataclasses.replace(config, output=tmp_path / "empty", resume=True))
+
+
+def test_a_broken_checkpoint_is_named(tmp_path, controller_file):
+    config = small_config(tmp_path / "run", controller_file)
+    folder = RunFolder(config.output)
+    folder.prepare(resume=False, overwrite=False)
+    folder.checkpoint.write_bytes(b"half a file")
+    with pytest.raises(ValueError, match="--overwrite"):
+        load_checkpoint(folder.checkpoint, make_environment(config, 2))
+
+
+def test_overwriting_starts_anew(tmp_path, controller_file):
+    config = small_config(tmp_path / "run", controller_file)
+    folder = RunFolder(config.output)
+    folder.prepare(resume=False, overwrite=False)
+    folder.report.write_text("{}")
+    (folder.path / "notes.txt").write_text("mine")
+    folder.prepare(resume=False, overwrite=True)
+    assert not folder.report.exists()
+    assert (folder.path / "notes.txt").read_text() == "mine"
+
+
+def test_an_interrupted_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "file.txt"
+    path.write_text("old")
+
+    def fail(temporary):
+        temporary.write_text("hal")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write_whole(path, fail)
+    assert path.read_text() == "old"
+
+
+def test_play_writes_a_video_without_torch(finished, tmp_path):
+    folder, _ = finished
+    target = tmp_path / "new" / "film.mp4"
+    assert play(folder.path, video=target) == 0
+    assert target.stat().st_size > 10_000
+
+
+def test_play_refuses_what_it_cannot_do(finished, tmp_path, monkeypatch):
+    folder, _ = finished
+    with pytest.raises(FileNotFoundError, match="no finished run"):
+        play(tmp_path)
+    with pytest.raises(ValueError, match="mp4"):
+        play(folder.path, video=tmp_path / "film.gif")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(RuntimeError, match="no screen"):
+        play(folder.path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"text": "  "}, "text is empty"),
+        ({"minutes": 0.0}, "minutes"),
+        ({"minutes": float("nan")}, "minutes"),
+        ({"num_envs": 0}, "num_envs"),
+        ({"seed": -1}, "seed"),
+        ({"discount": 1.5}, "discount"),
+        ({"batch_size": 10_000}, "batch_size 10000 is more than"),
+        ({"resume": True, "overwrite": True}, "exclude each other"),
+    ],
+)
+def test_bad_options_are_refused_at_once(changes, message):
+    with pytest.raises(ValueError, match=message):
+        TrainConfig(**({"text": TEXT} | changes))
+
+
+def test_unknown_rewards_and_missing_controllers_are_refused(tmp_path, controller_file):
+    with pytest.raises(ValueError, match="Unknown reward 'beauty'"):
+        train(small_config(tmp_path / "a", controller_file, reward="beauty"))
+    with pytest.raises(FileNotFoundError, match="missing.onnx"):
+        train(small_config(tmp_path / "b", tmp_path / "missing.onnx"))
+    # nothing was written that would make the next attempt fail
+    assert not RunFolder(tmp_path / "a").holds_run()
+
+
+def test_options_survive_json(tmp_path):
+    config = TrainConfig(TEXT, output=tmp_path, hidden=(8, 4), warm_start="none")
+    assert TrainConfig.from_json(json.loads(json.dumps(config.to_json()))) == config
+
+
+def test_folder_names():
+    assert slug("Raise both arms, above the HEAD!") == "raise-both-arms-above-the-head"
+    assert slug("???") == "run"
+
+
+class TargetEnv(gym.vector.VectorEnv):
+    """Rewards the cosine between the action and one direction; the episode of an action against it ends at once."""
+
+    def __init__(self, num_envs, target):
+        self.num_envs = num_envs
+        self.target = target
+        self.single_action_space = Box(-1, 1, target.shape, np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.seeds = []
+
+    def reset(self, *, seed=None, options=None):
+        self.seeds.append(seed)
+        return np.zeros((self.num_envs, 1)), {}
+
+    def step(self, actions):
+        cosine = actions @ self.target
+        no = np.zeros(self.num_envs, bool)
+        return np.zeros((self.num_envs, 1)), cosine, cosine < -0.2, no, {}
+
+
+def search(seed=0, rounds=4):
+    rng = np.random.default_rng(3)
+    latents = rng.normal(size=(40, 64))
+    latents /= np.linalg.norm(latents, axis=1, keepdims=True)
+    target = latents[17] + 0.6 * latents[30]
+    env = TargetEnv(32, (target / np.linalg.norm(target)).astype(np.float32))
+    names = [f"clip_{index}" for index in range(40)]
+    return search_latent(env, latents.astype(np.float32), names, np.random.default_rng(seed), rounds), env
+
+
+def test_the_search_improves_on_the_best_of_the_library():
+    result, env = search()
+    assert np.linalg.norm(result.latent) == pytest.approx(1, abs=1e-5)
+    assert result.name == next(iter(result.library_rewards)) == "clip_17"
+    assert result.reward == pytest.approx(float(result.latent @ env.target), abs=1e-5)
+    assert result.reward > result.library_rewards["clip_17"] + 0.03
+    assert all(later >= earlier for earlier, later in zip(result.curve, result.curve[1:], strict=False))
+
+
+def test_the_search_repeats_itself_for_the_same_seed():
+    np.testing.assert_array_equal(search(seed=4)[0].latent, search(seed=4)[0].latent)
+    assert not np.array_equal(search(seed=4)[0].latent, search(seed=5)[0].latent)
+
+
+def test_the_search_needs_latents():
+    with pytest.raises(ValueError, match="at least one latent"):
+        search_latent(search()[1], np.zeros((0, 64), np.float32), [], np.random.default_rng(0))
+
+
+def test_the_warm_start_makes_the_policy_play_the_found_latent(tmp_path, controller_file):
+    from agents.text.train import warm_start
+
+    config = small_config(tmp_path, controller_file, warm_start="search")
+    env = make_environment(config, config.num_envs)
+    model = make_model(config, env)
+    found = warm_start(config, model)
+    action, _ = model.predict(env.reset(), deterministic=True)
+    bias = dict(model.policy.named_parameters())["action_net.bias"].detach().numpy()
+    assert np.linalg.norm(bias) == pytest.approx(1, abs=1e-5)
+    np.testing.assert_allclose(action, np.broadcast_to(bias, action.shape), atol=0.1)
+    assert found["start"] in ("walk", "idle", "wave_right", "squat")
+
+
+def test_episodes_are_recorded_at_controller_rate_and_repeat_themselves(controller_file):
+    def still(observation):
+        return np.zeros((len(observation), 64), np.float32)
+
+    options = {"controller": str(controller_file), "encoder": "small", "terminate_when_fallen": False}
+    first = run_episodes(still, TEXT, 2, seed=3, **options)
+    second = run_episodes(still, TEXT, 2, seed=3, **options)
+    assert [len(episode.qpos) for episode in first] == [300, 300]
+    np.testing.assert_array_equal(first[0].qpos, second[0].qpos)
+    assert not np.array_equal(first[0].qpos, first[1].qpos)  # different starts
+
+
+def test_success_needs_the_check_and_no_fall():
+    qpos = np.tile(rest_qpos(), (300, 1))
+    assert judge(qpos, False, TEXT) == (False, False)
+    assert judge(qpos, False, "sing a song") == (False, None)
+    up = qpos.copy()
+    up[:, [7 + joint_index("left_shoulder_y"), 7 + joint_index("right_shoulder_y")]] = np.radians(-170)
+    assert judge(up, False, TEXT) == (False, True)
+    assert judge(up, True, TEXT) == (True, False)
+    up[5, 2] = 0.1 + checks.FALL_HEAD_HEIGHT - 1.5
+    assert judge(up, False, TEXT) == (True, False)
