@@ -321,3 +321,18 @@ def test_success_needs_the_check_and_no_fall():
     assert judge(up, True, TEXT) == (True, False)
     up[5, 2] = 0.1 + checks.FALL_HEAD_HEIGHT - 1.5
     assert judge(up, False, TEXT) == (True, False)
+
+
+def test_the_table_says_what_the_reports_say(finished, tmp_path, capsys):
+    from agents.text import table
+
+    folder, _ = finished
+    report = json.loads(folder.report.read_text())
+    report["evaluation"] |= {"success_rate": 0.85, "fall_rate": 0.1}
+    unchecked = report | {"text": "sing", "evaluation": report["evaluation"] | {"success_rate": None}}
+    rows = table.table([report, unchecked]).splitlines()
+    assert rows[2].startswith(f"| {TEXT} | 85% | 10% |")
+    assert rows[3].startswith("| sing | no check | 10% |")
+    assert table.main([str(folder.path), str(tmp_path)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 3
+    assert table.main([str(tmp_path)]) == 2
