@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -24,10 +24,15 @@ MARGIN = 0.25
 class ActionDecoder(Protocol):
     """Turns a batch of actions into PD targets, closed loop, for a fixed number of controller steps."""
 
-    space: Box
-    """Action space of one humanoid."""
-    controller_steps: int
-    """Controller steps (1/30 s) for which an action is held."""
+    @property
+    def space(self) -> Box[Any]:
+        """Action space of one humanoid."""
+        ...
+
+    @property
+    def controller_steps(self) -> int:
+        """Controller steps (1/30 s) for which an action is held."""
+        ...
 
     def commands(self, actions: ArrayLike) -> FloatArray:
         """Check a batch of actions ``(n, ...)`` and bring it into the form that :meth:`targets` takes."""
@@ -59,8 +64,8 @@ def checked_actions(actions: ArrayLike, size: int) -> FloatArray:
 class JointActions:
     """Actions are PD targets: 0 is the rest pose, -1 and 1 are the limits of the hinge widened by `MARGIN`.
 
-    Targets reach past the limits because a PD controller needs an error to push. Each side has a scale of its own, since
-    many ranges are lopsided (an elbow bends one way only) and zero should be standing.
+    Targets reach past the limits because a PD controller needs an error to push. Each side has a scale of its own,
+    since many ranges are lopsided (an elbow bends one way only) and zero should be standing.
     """
 
     controller_steps = 1
@@ -68,7 +73,7 @@ class JointActions:
     def __init__(self) -> None:
         low, high = joint_limits().astype(np.float32).T
         self._down, self._up = MARGIN - low, high + MARGIN
-        self.space = Box(-1.0, 1.0, (len(JOINT_NAMES),), np.float32)
+        self.space: Box[Any] = Box(-1.0, 1.0, (len(JOINT_NAMES),), np.float32)
 
     def commands(self, actions: ArrayLike) -> FloatArray:
         """Targets in radians ``(n, 28)`` of actions ``(n, 28)``."""
@@ -110,7 +115,7 @@ class LatentActions:
         if not isinstance(controller, LowLevelController):
             controller = LowLevelController.load(controller)
         self.controller = controller
-        self.space = Box(-1.0, 1.0, (controller.latent_size,), np.float32)
+        self.space: Box[Any] = Box(-1.0, 1.0, (controller.latent_size,), np.float32)
         anchors = controller.anchors
         self.idle = np.asarray(anchors.get(IDLE_ANCHOR, controller.standing_latents[0]), np.float32)
 

@@ -10,8 +10,8 @@ def _rebuild(kind: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
 class RebuiltFromArguments:
     """Pickles and copies an object by its constructor arguments, whatever its subclass is.
 
-    Physics, native threads, GL contexts and ONNX sessions do not travel between processes, so an unpickled environment is
-    a new one that was never reset, as with `gymnasium.utils.EzPickle`. In contrast to that class the arguments are
+    Physics, native threads, GL contexts and ONNX sessions do not travel between processes, so an unpickled environment
+    is a new one that was never reset, as with `gymnasium.utils.EzPickle`. In contrast to that class the arguments are
     recorded before any constructor runs, so a subclass need not repeat them.
     """
 

@@ -25,14 +25,14 @@ class HumanoidEnv(RebuiltFromArguments, gym.Env[FloatArray, FloatArray]):
 
     ## Action space
 
-    `Box(-1, 1, (28,), float32)`: the PD target of each hinge, scaled as :class:`anyskill_envs.actions.JointActions` says,
-    held for 1/30 s.
+    `Box(-1, 1, (28,), float32)`: the PD target of each hinge, scaled as `anyskill_envs.actions.JointActions` says, held
+    for 1/30 s.
 
     ## Observation space
 
-    `Box((223,), float32)`, AnySkill's proprioception in the heading frame; `anyskill_envs.observation.OBSERVATION_LAYOUT`
-    names the blocks: root height 1 (m), positions of 14 bodies relative to the pelvis 42 (m), x and z axes of 15 bodies
-    90, linear velocities 45 (m/s), angular velocities 45 (rad/s).
+    `Box((223,), float32)`, AnySkill's proprioception in the heading frame; `OBSERVATION_LAYOUT` in
+    `anyskill_envs.observation` names the blocks: root height 1 (m), positions of 14 bodies relative to the pelvis 42 (m),
+    x and z axes of 15 bodies 90, linear velocities 45 (m/s), angular velocities 45 (rad/s).
 
     ## Rewards
 
@@ -98,7 +98,7 @@ class HumanoidEnv(RebuiltFromArguments, gym.Env[FloatArray, FloatArray]):
         observation, reward, terminated, truncated, info = self.vector.step(np.asarray(action)[None])
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The picture, uint8 ``(height, width, 3)``; None in a window or without a render mode."""
         frames = self.vector.render()
         return None if frames is None else frames[0]

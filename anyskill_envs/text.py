@@ -72,7 +72,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
             terminate_when_fallen=terminate_when_fallen,
             **kwargs,
         )
-        self._library_latents = np.stack(list(self.latents.values())).astype(np.float32)
+        self._library_latents = self.decoder.controller.latents.astype(np.float32)
         self._style_latents = np.zeros((num_envs, self._library_latents.shape[1]), np.float32)
 
     def make_observation_space(self) -> Box:
@@ -151,7 +151,9 @@ def _checked_texts(text: str | Sequence[str], count: int) -> list[str]:
     """One text for each of `count` humanoids."""
     texts = [text] * count if isinstance(text, str) else list(text)
     if len(texts) != count:
-        raise ValueError(f"text must be one sentence, or one for each of the {count} humanoids; got {len(texts)} of them.")
+        raise ValueError(
+            f"text must be one sentence, or one for each of the {count} humanoids; got {len(texts)} of them."
+        )
     if not all(isinstance(item, str) and item.strip() for item in texts):
         raise ValueError('text is empty: say what the humanoid should do, for instance text="wave the right hand".')
     return texts
@@ -172,7 +174,7 @@ class HumanoidTextEnv(HumanoidLatentEnv):
     ## Rewards
 
     That of the chosen reward function, averaged over the executed controller steps; `reward="clip"` has the terms
-    `reward_clip` (similarity of text and motion) and `reward_style` (nearness to a latent drawn from the motion library).
+    `reward_clip` (similarity of text and motion) and `reward_style` (nearness to a latent of the motion library).
     `info["similarity"]` is the raw cosine.
 
     ## Starting state

@@ -62,8 +62,8 @@ def _default_library() -> MotionLibrary:
 class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, NDArray[Any]]):
     """Humanoids in one native batch, as a `gymnasium.vector.VectorEnv`.
 
-    This class is joint-level: an action is 28 PD targets, held for one controller step (1/30 s). Subclasses change what an
-    action means (`decoder`), the reward, the start, the end and what is observed:
+    This class is joint-level: an action is 28 PD targets, held for one controller step (1/30 s). Subclasses change what
+    an action means (`decoder`), the reward, the start, the end and what is observed:
 
     - :meth:`compute_reward`: the reward of one controller step, by terms,
     - :meth:`has_ended`: who terminated,
@@ -72,11 +72,11 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
     - :meth:`observations`, :meth:`make_observation_space`: what is observed,
     - :meth:`extra_info`: more entries of `info`.
 
-    One :meth:`step` runs the decoder's number of controller steps. A humanoid that terminates inside keeps its state while
-    the others go on; rewards, terms and similarity are averaged over the controller steps that it executed.
+    One :meth:`step` runs the decoder's number of controller steps. A humanoid that terminates inside keeps its state
+    while the others go on; rewards, terms and similarity are averaged over the controller steps that it executed.
 
-    `info` has the same keys at every step, each an array ``(num_envs, ...)`` beside its mask ``_key``: `reward_<term>` for
-    every term of the reward (they add up to it), `similarity` if the reward compares with a text, `x_position` and
+    `info` has the same keys at every step, each an array ``(num_envs, ...)`` beside its mask ``_key``: `reward_<term>`
+    for every term of the reward (they add up to it), `similarity` if the reward compares with a text, `x_position` and
     `distance_from_origin` (m), `x_velocity` (m/s) of the pelvis, `head_height` (m), `controller_steps` executed,
     `diverged`, and what the decoder adds (`latent`). After a reset, whatever belongs to a step is zero.
 
@@ -93,7 +93,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         camera: fields of `anyskill_envs.rendering.Camera`; in front of the humanoid by default.
         num_threads: native threads; 0 for one per CPU. Results do not depend on it.
         initial_state: "standing" starts from the rest pose, "library" from a random frame of the motion clips.
-        reset_noise_scale: half-width of the uniform noise on joint angles (rad) and velocities (rad/s, m/s) at the start.
+        reset_noise_scale: half-width of the uniform noise at the start: joint angles (rad), velocities (rad/s, m/s).
         minimum_head_height: an episode terminates when the centre of the head is lower, in metres.
         terminate_when_fallen: terminate as well when a body other than feet and shins is below 0.05 m.
         record_controller_steps: add `controller_observations` ``(k, 223)`` and `controller_qpos` ``(k, 35)`` of the k
@@ -111,6 +111,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
     }
     reset_options: ClassVar[tuple[str, ...]] = ("initial_state",)
     """Options of :meth:`reset` beside `reset_mask`."""
+    decoder: ActionDecoder
 
     def __init__(
         self,
@@ -141,7 +142,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}.")
         self.num_envs = num_envs
-        self.decoder: ActionDecoder = decoder or JointActions()
+        self.decoder = JointActions() if decoder is None else decoder
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {
             "autoreset_mode": self.autoreset_mode,
@@ -201,15 +202,13 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
             ended |= (self.simulation.body_positions[:, _SHOULD_STAY_UP, 2] < FALL_HEIGHT).any(1)
         return ended
 
-    def start_states(
-        self, count: int, initial_state: Any
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def start_states(self, count: int, initial_state: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Draw states in which episodes start.
 
         Args:
             count: number of humanoids k.
-            initial_state: "standing", "library", or a mapping with `qpos` ``(35,)`` or ``(k, 35)`` and, if wanted, `qvel`
-                ``(34,)`` or ``(k, 34)``, which gets no noise.
+            initial_state: "standing", "library", or a mapping with `qpos` ``(35,)`` or ``(k, 35)`` and, if wanted,
+                `qvel` ``(34,)`` or ``(k, 34)``, which gets no noise.
 
         Returns:
             qpos ``(k, 35)`` and qvel ``(k, 34)``.
@@ -269,8 +268,8 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
 
         Args:
             seed: seeds the one random generator of the batch.
-            options: `reset_mask` ``(num_envs,)`` bool, the humanoids to reset (all by default); `initial_state`, for this
-                reset only, see :meth:`start_states`; subclasses may know more.
+            options: `reset_mask` ``(num_envs,)`` bool, the humanoids to reset (all by default); `initial_state`, for
+                this reset only, see :meth:`start_states`; subclasses may know more.
 
         Returns:
             Observations of all humanoids and `info`.
@@ -308,7 +307,9 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
             raise ValueError(f"Unknown reset option {unknown[0]!r}; the options that exist are: {known}.")
         self._start_episodes(ids, options)
         self._was_reset = True
-        return self.observations(slice(None)), _with_masks(self._info_after_reset(decoder), np.ones(self.num_envs, bool))
+        return self.observations(slice(None)), _with_masks(
+            self._info_after_reset(decoder), np.ones(self.num_envs, bool)
+        )
 
     def step_with(
         self, decoder: ActionDecoder, actions: ArrayLike
@@ -341,7 +342,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
                 info[key][ids] = value[ids]
         return observation, reward, terminated, truncated, _with_masks(info, np.ones(self.num_envs, bool)) | final
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of all humanoids, uint8 ``(height, width, 3)`` each; None in a window or without a render mode."""
         if self._viewer is not None:
             self._viewer.show(self.simulation.qpos[0])
@@ -372,8 +373,8 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         mask = np.asarray(mask)
         if mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(
-                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},) with at least one True, got "
-                f"{mask!r}."
+                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},) with at least one True, "
+                f"got {mask!r}."
             )
         return np.flatnonzero(mask)
 

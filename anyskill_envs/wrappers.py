@@ -21,9 +21,9 @@ from motion_data.skeleton import FRAME_RATE
 class LatentAction(gym.Wrapper[FloatArray, FloatArray, FloatArray, FloatArray], RecordConstructorArgs):
     """Drives a joint-level environment through the low-level controller.
 
-    An action is a latent, L2-normalised and held for five steps of the wrapped environment. The loop stops when the episode
-    ends. Rewards, `reward_<term>` and `similarity` are averaged over the executed steps; other entries of `info` are those
-    of the last step.
+    An action is a latent, L2-normalised and held for five steps of the wrapped environment. The loop stops when the
+    episode ends. Rewards, `reward_<term>` and `similarity` are averaged over the executed steps; the rest of `info` is
+    that of the last step.
 
     Example:
         >>> import gymnasium as gym
@@ -47,7 +47,7 @@ class LatentAction(gym.Wrapper[FloatArray, FloatArray, FloatArray, FloatArray], 
             raise TypeError(
                 f"LatentAction needs a joint-level HumanoidEnv, such as gym.make('HumanoidJoints-v0'), got {env}."
             )
-        RecordConstructorArgs.__init__(self, controller=controller)
+        RecordConstructorArgs.__init__(self, controller=controller and str(controller))  # a Path is no JSON
         super().__init__(env)
         self._vector = base.vector
         self._joints = base.vector.decoder
@@ -67,7 +67,7 @@ class LatentAction(gym.Wrapper[FloatArray, FloatArray, FloatArray, FloatArray], 
         observation, info = self.env.reset(seed=seed, options=options)
         return observation, info | {"latent": np.zeros(self._latents.controller.latent_size, np.float32)}
 
-    def step(self, action: ArrayLike) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:  # type: ignore[override]
+    def step(self, action: ArrayLike) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Play a latent ``(64,)`` for up to five controller steps."""
         commands = self._latents.commands(np.asarray(action)[None])
         rewards: list[float] = []
@@ -123,8 +123,6 @@ class VectorLatentAction(VectorWrapper[FloatArray, FloatArray, FloatArray, Float
         """Start new episodes."""
         return self.env.reset_with(self._latents, seed=seed, options=options)
 
-    def step(
-        self, actions: FloatArray
-    ) -> tuple[FloatArray, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+    def step(self, actions: FloatArray) -> tuple[FloatArray, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Play latents ``(num_envs, 64)`` for up to five controller steps."""
         return self.env.step_with(self._latents, actions)

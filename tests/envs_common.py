@@ -1,0 +1,52 @@
+"""What the tests of the environments share: which ids there are, and arguments that make them small and quick."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import anyskill_envs  # noqa: F401  (registers the environments)
+from rewards import encoder_names, register_encoder
+
+IDS = sorted(id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("anyskill_envs."))
+# Lying on the back, head and pelvis on the floor.
+LYING = np.concatenate([[0, 0, 0.12, np.sqrt(0.5), 0, -np.sqrt(0.5), 0], np.zeros(28)])
+
+if "small" not in encoder_names():
+    register_encoder("small", "small_models:SmallEncoder")
+
+
+def arguments(environment_id: str, controller: Path) -> dict[str, Any]:
+    """Arguments that need no bundled weights."""
+    if environment_id == "HumanoidJoints-v0":
+        return {"num_threads": 1}
+    if environment_id == "HumanoidText-v0":
+        return {"num_threads": 1, "controller": str(controller), "encoder": "small"}
+    return {"num_threads": 1, "controller": str(controller)}
+
+
+@contextmanager
+def warnings_are_errors() -> Iterator[None]:
+    """Gymnasium's and SB3's checkers complain with warnings."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def assert_same(first: Any, second: Any) -> None:
+    """Exact equality of nested observations and infos, arrays bit for bit."""
+    assert type(first) is type(second)
+    if isinstance(first, dict):
+        assert first.keys() == second.keys()
+        for key in first:
+            assert_same(first[key], second[key])
+    elif isinstance(first, (list, tuple)) or (isinstance(first, np.ndarray) and first.dtype == object):
+        assert len(first) == len(second)
+        for one, other in zip(first, second, strict=True):
+            assert_same(one, other)
+    else:
+        np.testing.assert_array_equal(first, second)
