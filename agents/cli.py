@@ -43,8 +43,8 @@ COMMANDS: dict[str, Command] = {
     "controller": Command(
         "train or evaluate the low-level controller",
         subcommands={
-            "train": "agents.controller.train:train",
-            "evaluate": "agents.controller.evaluate:evaluate",
+            "train": "agents.controller.commands:train",
+            "evaluate": "agents.controller.commands:evaluate",
         },
     ),
     "encoder": Command("train the bundled text and image encoder", subcommands={"train": "agents.encoder.train:train"}),

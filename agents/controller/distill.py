@@ -83,7 +83,9 @@ class DistillTrainer:
         torch.set_num_threads(config.threads or len(os.sched_getaffinity(0)))
         torch.manual_seed(config.seed)
         self.student = Student()
-        self.optimizer = torch.optim.AdamW(self.student.parameters(), config.learning_rate, weight_decay=1e-4, fused=True)
+        self.optimizer = torch.optim.AdamW(
+            self.student.parameters(), config.learning_rate, weight_decay=1e-4, fused=True
+        )
         self.samples, self.seconds = 0, 0.0
         fresh = not self.path.exists()
         if not fresh:
@@ -155,7 +157,9 @@ class DistillTrainer:
         config, tracking = self.config, self.tracking
         observations, windows, targets = [], [], []
         failures = 0.0
-        imitate = self.samples < 3 * config.horizon * config.num_humanoids  # the first rollouts show the teacher's states
+        imitate = (
+            self.samples < 3 * config.horizon * config.num_humanoids
+        )  # the first rollouts show the teacher's states
         for _ in range(config.horizon):
             label = self.teacher.act(tracking.policy_input(), tracking.feedforward())
             renewed = np.flatnonzero(tracking.renewed)
@@ -199,7 +203,9 @@ class DistillTrainer:
             observation = torch.where(mirror[:, None], _mirror_observation(observation), observation)
             target = torch.where(mirror[:, None], _mirror_targets(target), target)
             inputs = torch.where(mirror[:, None], _mirror_windows(inputs), inputs)
-            later = torch.from_numpy(self.motions.ahead(window.numpy(), np.random.default_rng(len(losses)).integers(1, 16)))
+            later = torch.from_numpy(
+                self.motions.ahead(window.numpy(), np.random.default_rng(len(losses)).integers(1, 16))
+            )
             with fast_arithmetic():
                 latent = self._encode(inputs)
                 action = self.student.policy(observation, latent)
@@ -229,5 +235,3 @@ def _mirror_targets(target: torch.Tensor) -> torch.Tensor:
 def _mirror_windows(inputs: torch.Tensor) -> torch.Tensor:
     frames = inputs.view(len(inputs), len(WINDOW_OFFSETS), WINDOW_FEATURES)
     return (frames[..., WINDOW_MIRROR_INDEX] * torch.from_numpy(WINDOW_MIRROR_SIGN)).flatten(1)
-
-

@@ -89,7 +89,9 @@ def standing_clips(motions: ReferenceMotions) -> np.ndarray:
 
 def upright_frames(motions: ReferenceMotions, clips: np.ndarray) -> np.ndarray:
     """Frames of some clips that begin a window of at least 1 s, every 1/6 s."""
-    frames = [np.arange(motions.starts[c], max(motions.starts[c] + 1, motions.last[motions.starts[c]] - 30), 5) for c in clips]
+    frames = [
+        np.arange(motions.starts[c], max(motions.starts[c] + 1, motions.last[motions.starts[c]] - 30), 5) for c in clips
+    ]
     return np.concatenate(frames)
 
 
@@ -170,7 +172,9 @@ def _falls(controller: Controller, simulation: HumanoidSimulation, latent_at: An
     return fell
 
 
-def evaluate(controller: Controller, encoder: Encoder, motions: ReferenceMotions, episodes: int = 20) -> dict[str, Any]:
+def evaluate_controller(
+    controller: Controller, encoder: Encoder, motions: ReferenceMotions, episodes: int = 20
+) -> dict[str, Any]:
     """All measurements of the controller, ready for JSON.
 
     Returns:

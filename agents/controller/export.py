@@ -98,9 +98,14 @@ def write_onnx(
 
 def _write_latents(encoder: MotionEncoder, motions: ReferenceMotions, path: Path) -> None:
     frames = np.concatenate(
-        [np.arange(start, start + length, _LATENT_EVERY) for start, length in zip(motions.starts, motions.lengths, strict=True)]
+        [
+            np.arange(start, start + length, _LATENT_EVERY)
+            for start, length in zip(motions.starts, motions.lengths, strict=True)
+        ]
     )
-    latents = np.concatenate([encoder.encode(motions.windows(part)) for part in np.array_split(frames, len(frames) // 500 + 1)])
+    latents = np.concatenate(
+        [encoder.encode(motions.windows(part)) for part in np.array_split(frames, len(frames) // 500 + 1)]
+    )
     window_ends = motions.ahead(frames, WINDOW_FRAMES - 1)
     tumbles = np.concatenate([[0], np.cumsum(~motions.upright)])
     temporary = path.with_suffix(".tmp.npz")

@@ -7,7 +7,7 @@ reference, so it is the teacher of the latent-conditioned controller (:mod:`agen
 import logging
 import os
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +16,11 @@ from rich.progress import Progress
 from torch import nn
 
 from agents.controller.networks import Normalizer, fast_arithmetic, mlp
+from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages
 from agents.controller.reference import ReferenceMotions
-from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig
-from motion_data.skeleton import JOINT_NAMES
+from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig, tracking_distance
 
 _LOG = logging.getLogger(__name__)
-
-# Exploration by joint, radians: hips and abdomen move the whole body, so they get less.
-_NOISE = np.array(
-    [0.05 if name.startswith(("abdomen", "right_hip", "left_hip")) else 0.08 for name in JOINT_NAMES], np.float32
-)
 
 
 @dataclass(frozen=True)
@@ -40,22 +35,8 @@ class TeacherConfig:
     """Controller steps per update."""
     hidden: tuple[int, ...] = (512, 512)
     """Widths of actor and critic."""
-    epochs: int = 4
-    """Passes over the samples per update."""
-    minibatch: int = 2048
-    """Samples per gradient step."""
-    learning_rate: float = 3e-4
-    """First learning rate of the actor; it adapts to the Kullback-Leibler divergence."""
-    target_divergence: float = 0.08
-    """Divergence per update that the learning rate aims at."""
-    discount: float = 0.95
-    """Discount factor."""
-    trace: float = 0.9
-    """Lambda of generalised advantage estimation."""
-    clip: float = 0.2
-    """Clipping of the probability ratio."""
-    exploration: float = 0.75
-    """Factor on the per-joint exploration noise (0.05 to 0.08 rad)."""
+    ppo: PPOSettings = field(default_factory=PPOSettings)
+    """Settings of the update."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 0
@@ -106,9 +87,7 @@ class TeacherTrainer:
         torch.set_num_threads(config.threads or len(os.sched_getaffinity(0)))
         torch.manual_seed(config.seed)
         self.teacher = Teacher(config.hidden)
-        self.learning_rate = config.learning_rate
-        self.actor_optimizer = torch.optim.Adam(self.teacher.actor.parameters(), lr=self.learning_rate, fused=True)
-        self.critic_optimizer = torch.optim.Adam(self.teacher.critic.parameters(), lr=1e-3, fused=True)
+        self.ppo = PPO(self.teacher.actor, self.teacher.critic, config.ppo, effort=1e-3)
         self.samples = 0
         self.seconds = 0.0
         if self.path.exists():
@@ -116,14 +95,12 @@ class TeacherTrainer:
         # A resumed run continues with fresh episodes: a new stream of random numbers, still determined by the seed.
         rng = np.random.default_rng((config.seed, self.samples))
         self.tracking = Tracking(motions, config.num_humanoids, rng, config.tracking, config.threads)
-        self._noise = torch.from_numpy(_NOISE) * config.exploration
 
     def _restore(self) -> None:
         state = torch.load(self.path, weights_only=True)
         self.teacher.load_state_dict(state["model"])
-        self.actor_optimizer.load_state_dict(state["actor_optimizer"])
-        self.critic_optimizer.load_state_dict(state["critic_optimizer"])
-        self.learning_rate, self.samples, self.seconds = state["learning_rate"], state["samples"], state["seconds"]
+        self.ppo.restore(state)
+        self.samples, self.seconds = state["samples"], state["seconds"]
 
     def save(self) -> None:
         """Writes the checkpoint, whole or not at all."""
@@ -132,12 +109,9 @@ class TeacherTrainer:
             {
                 "hidden": list(self.config.hidden),
                 "model": self.teacher.state_dict(),
-                "actor_optimizer": self.actor_optimizer.state_dict(),
-                "critic_optimizer": self.critic_optimizer.state_dict(),
-                "learning_rate": self.learning_rate,
+                **self.ppo.state(),
                 "samples": self.samples,
                 "seconds": self.seconds,
-                "config": {key: value for key, value in asdict(self.config).items() if key != "tracking"},
             },
             temporary,
         )
@@ -166,12 +140,11 @@ class TeacherTrainer:
         return self.teacher
 
     def _update(self) -> dict[str, float]:
-        config, teacher, tracking = self.config, self.teacher, self.tracking
-        steps, n = config.horizon, config.num_humanoids
+        config, teacher, tracking, ppo = self.config, self.teacher, self.tracking, self.ppo
+        steps, n, discount = config.horizon, config.num_humanoids, config.ppo.discount
         inputs = torch.empty(steps, n, TRACKING_SIZE, dtype=torch.bfloat16)
         means, actions = torch.empty(steps, n, 28), torch.empty(steps, n, 28)
-        values, rewards = torch.empty(steps + 1, n), torch.empty(steps, n)
-        ends = torch.empty(steps, n)
+        values, rewards, ends = torch.empty(steps + 1, n), torch.empty(steps, n), torch.empty(steps, n)
         failures = 0.0
         begin = time.monotonic()
         for step in range(steps):
@@ -179,94 +152,33 @@ class TeacherTrainer:
             if step % 4 == 0:
                 teacher.normalizer.update(raw)
             with torch.no_grad(), fast_arithmetic():
-                normal = teacher.normalizer(raw)
+                inputs[step] = normal = teacher.normalizer(raw)
                 means[step] = teacher.actor(normal).float()
                 values[step] = teacher.critic(normal).float()[:, 0]
-            actions[step] = means[step] + self._noise * torch.randn(n, 28)
-            inputs[step] = normal
+            actions[step] = means[step] + ppo.noise * torch.randn(n, 28)
             reward, failed, truncated = tracking.step(tracking.feedforward() + actions[step].numpy())
             # Scaled so that values lie in [0, 1]; a truncated episode is worth what the critic expects of its state.
-            rewards[step] = torch.from_numpy(reward) * (1 - config.discount)
-            rewards[step] += config.discount * values[step] * torch.from_numpy(truncated)
+            rewards[step] = torch.from_numpy(reward) * (1 - discount)
+            rewards[step] += discount * values[step] * torch.from_numpy(truncated)
             ends[step] = torch.from_numpy(failed | truncated)
             failures += failed.mean() / steps
         with torch.no_grad(), fast_arithmetic():
             values[steps] = teacher.critic(teacher.normalizer(torch.from_numpy(tracking.policy_input()))).float()[:, 0]
         rolled = time.monotonic()
-        advantages = _advantages(rewards, values, ends, config.discount, config.trace)
-        returns = (advantages + values[:-1]).flatten()
-        advantages = advantages.flatten()
-        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-6)
-        divergence = self._learn(inputs.flatten(0, 1), means.flatten(0, 1), actions.flatten(0, 1), advantages, returns)
+        advantages, returns = generalised_advantages(rewards, values, ends, config.ppo)
+        flat = inputs.flatten(0, 1)
+        rollout = Rollout(flat, flat, means.flatten(0, 1), actions.flatten(0, 1), advantages, returns)
+        # The critic gets a first estimate of the values before the actor follows them.
+        divergence = ppo.learn(rollout, update_actor=self.samples >= 60_000)
         self.samples += steps * n
         return {
-            "reward": float(rewards.mean()) / (1 - config.discount),
+            "reward": float(rewards.mean()) / (1 - discount),
             "failures": float(failures),
             "divergence": divergence,
-            "learning_rate": self.learning_rate,
+            "learning_rate": ppo.learning_rate,
             "rollout_s": rolled - begin,
             "learning_s": time.monotonic() - rolled,
         }
-
-    def _learn(
-        self,
-        inputs: torch.Tensor,
-        old_means: torch.Tensor,
-        actions: torch.Tensor,
-        advantages: torch.Tensor,
-        returns: torch.Tensor,
-    ) -> float:
-        config, teacher = self.config, self.teacher
-        critic_only = self.samples < 60_000  # a first estimate of the values before the actor follows them
-        divergences: list[float] = []
-        for _ in range(config.epochs):
-            for batch in torch.randperm(len(inputs)).split(config.minibatch):
-                chosen = inputs[batch]
-                with fast_arithmetic():
-                    value = teacher.critic(chosen).float()[:, 0]
-                loss = (value - returns[batch]).square().mean()
-                self.critic_optimizer.zero_grad()
-                loss.backward()
-                self.critic_optimizer.step()
-                if critic_only:
-                    continue
-                with fast_arithmetic():
-                    mean = teacher.actor(chosen).float()
-                old, action, advantage = old_means[batch], actions[batch], advantages[batch]
-                scaled_old, scaled_new = (action - old) / self._noise, (action - mean) / self._noise
-                ratio = (0.5 * (scaled_old.square() - scaled_new.square()).sum(-1)).clamp(-10, 10).exp()
-                surrogate = torch.minimum(ratio * advantage, ratio.clamp(1 - config.clip, 1 + config.clip) * advantage)
-                small = 1e-3 * (mean / 0.08).square().mean()  # the smallest correction that works
-                loss = -surrogate.mean() + small
-                self.actor_optimizer.zero_grad()
-                loss.backward()
-                nn.utils.clip_grad_norm_(teacher.actor.parameters(), 1.0)
-                self.actor_optimizer.step()
-                divergences.append(float(0.5 * ((mean.detach() - old) / self._noise).square().sum(-1).mean()))
-        if not divergences:
-            return 0.0
-        divergence = float(np.mean(divergences[-4:]))
-        if divergence > 2 * config.target_divergence:
-            self.learning_rate = max(self.learning_rate / 1.3, 3e-5)
-        elif divergence < config.target_divergence / 2:
-            self.learning_rate = min(self.learning_rate * 1.3, 1e-3)
-        for group in self.actor_optimizer.param_groups:
-            group["lr"] = self.learning_rate
-        return divergence
-
-
-def _advantages(
-    rewards: torch.Tensor, values: torch.Tensor, ends: torch.Tensor, discount: float, trace: float
-) -> torch.Tensor:
-    """Generalised advantage estimation (Schulman et al. 2016), ``(steps, n)``."""
-    advantages = torch.empty_like(rewards)
-    running = torch.zeros_like(rewards[0])
-    for step in reversed(range(len(rewards))):
-        alive = 1 - ends[step]
-        surprise = rewards[step] + discount * alive * values[step + 1] - values[step]
-        running = surprise + discount * trace * alive * running
-        advantages[step] = running
-    return advantages
 
 
 def _format(statistics: dict[str, float]) -> str:
@@ -282,8 +194,6 @@ def evaluate_tracking(
     Returns:
         For each clip: share of episodes survived, share of frames survived, mean body error of the survivors (metres).
     """
-    from agents.controller.tracking import tracking_distance
-
     clips = np.repeat(np.arange(len(motions.names)), episodes)
     room = np.maximum(motions.lengths[clips] - 1 - limit, 0)
     phase = (np.tile(np.linspace(0, 1, episodes), len(motions.names)) * room).astype(int)

@@ -31,7 +31,7 @@ class TrackingConfig:
     """Longest episode, controller steps."""
     mean_holds: tuple[int, ...] = (5, 15, 30, 90)
     """How long a motion window stays the intent: each episode draws one mean (steps), each hold U{1, 2 mean}."""
-    switch_probabilities: tuple[float, ...] = (0.1, 0.3, 1.0)
+    switch_probabilities: tuple[float, ...] = (0.0, 0.0, 0.0, 0.1, 0.5)
     """Chance that the next window comes from another upright moment of the library; each episode draws one."""
     grace_steps: int = 24
     """Steps after a switch during which distance from the reference does not end the episode; a fall does."""
@@ -77,6 +77,7 @@ class Tracking:
         self._rng = rng
         self.clip_probabilities = np.full(len(motions.names), 1 / len(motions.names))
         self.failure_rate = np.full(len(motions.names), 0.5)
+        self.exposure = self.clip_probabilities.copy()
         self._switch_targets = np.flatnonzero(motions.upright & (motions.last - np.arange(len(motions)) > 30))
         n = num_humanoids
         self.frame = np.zeros(n, int)
@@ -202,13 +203,21 @@ class Tracking:
         self._push_left = np.maximum(self._push_left - 1, 0)
 
     def _update_probabilities(self, clips: np.ndarray, failed: np.ndarray) -> None:
-        """Clips that fail more often are practised more often."""
+        """Clips that fail more often are practised for more of the time.
+
+        Episodes of easy clips last longest, so choosing starts by failure alone would spend nearly all time on them: the
+        chance to start a clip is corrected by the share of time it already takes.
+        """
         rate = 0.01
         for clip in np.unique(clips):
             mine = failed[clips == clip]
             keep = (1 - rate) ** len(mine)
             self.failure_rate[clip] = keep * self.failure_rate[clip] + (1 - keep) * mine.mean()
-        weight = 0.15 + self.failure_rate
+        running = np.bincount(self.motions.clip_of_frame[self.frame], minlength=len(self.exposure)) / len(self.frame)
+        self.exposure += rate * (running - self.exposure)
+        wanted = 0.15 + self.failure_rate
+        wanted /= wanted.sum()
+        weight = wanted * np.clip(wanted / np.maximum(self.exposure, 1e-6), 0.05, 20)
         self.clip_probabilities = weight / weight.sum()
 
 

@@ -1,0 +1,117 @@
+"""The commands `anyskill controller train` and `anyskill controller evaluate`."""
+
+import json
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from motion_data.library import MotionLibrary
+
+from agents.controller.evaluate import ACROBATIC, evaluate_controller
+from agents.controller.reference import ReferenceMotions
+from anyskill_envs.controller import WEIGHTS, LowLevelController, MotionEncoder
+from motion_data.clip import MotionClip
+
+
+def read_clips(folder: Path) -> list[MotionClip]:
+    """All clips (``.npz``) of a folder.
+
+    Raises:
+        ValueError: If there are none.
+    """
+    paths = sorted(folder.glob("*.npz"))
+    if not paths:
+        raise ValueError(f"No motion clips (.npz) in '{folder}'. Import some with `anyskill motions import FILE`.")
+    return [MotionClip.load(path) for path in paths]
+
+
+def training_clips(folder: Path | None = None, acrobatics: bool = False) -> list[MotionClip]:
+    """The clips that a controller is trained on.
+
+    Args:
+        folder: A folder of clips; the project's library if None.
+        acrobatics: Whether to include backflip, cartwheel, roll, spin and spinkick.
+    """
+    clips: Sequence[MotionClip] = read_clips(folder) if folder else MotionLibrary.default().clips
+    return [clip for clip in clips if acrobatics or clip.name.removesuffix("_mirrored") not in ACROBATIC]
+
+
+@dataclass(frozen=True)
+class ControllerTraining:
+    """Trains the low-level controller: a tracking policy, then its distillation into a latent space, then export."""
+
+    output: Path = Path("runs/controller")
+    """Folder of checkpoints and of the finished files; a run that was stopped goes on from there."""
+    clips: Path | None = None
+    """Folder of motion clips (.npz) to learn; the project's library if not given."""
+    acrobatics: bool = False
+    """Also learn backflip, cartwheel, roll, spin and spinkick; they cost the other clips training time."""
+    teacher_minutes: float = 60.0
+    """Minutes for the tracking policy."""
+    distill_minutes: float = 25.0
+    """Minutes for the distillation."""
+    finetune_minutes: float = 15.0
+    """Minutes for fine-tuning under random latents and pushes; 0 leaves it out."""
+    seed: int = 0
+    """Seed of everything random."""
+    threads: int = 0
+    """Threads for physics and learning; 0 for one per CPU."""
+    version: str = "0.1"
+    """Version written into the files."""
+
+
+def train(config: ControllerTraining) -> None:
+    """Trains a low-level controller and writes llc.onnx, motion_encoder.onnx and latents.npz."""
+    from agents.controller.distill import DistillConfig, DistillTrainer
+    from agents.controller.export import export_student
+    from agents.controller.finetune import FinetuneConfig, FinetuneTrainer
+    from agents.controller.teacher import TeacherConfig, TeacherTrainer
+
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    motions = ReferenceMotions(training_clips(config.clips, config.acrobatics))
+    print(f"{len(motions.names)} clips, {len(motions) / 30:.0f} s of motion; checkpoints in {config.output}")
+    common = {"seed": config.seed, "threads": config.threads}
+    teacher = TeacherTrainer(motions, config.output, TeacherConfig(minutes=config.teacher_minutes, **common)).train()
+    distillation = DistillConfig(minutes=config.distill_minutes, **common)
+    student = DistillTrainer(teacher, motions, config.output, distillation).train()
+    if config.finetune_minutes:
+        finetuning = FinetuneConfig(minutes=config.finetune_minutes, **common)
+        student = FinetuneTrainer(student, motions, config.output, finetuning).train()
+    source = f"{len(motions.names)} clips: {', '.join(motions.names)}"
+    controller, encoder = export_student(student, motions, config.output, config.version, source)
+    print(f"Wrote {controller} and {encoder}. Measure them: anyskill controller evaluate --weights {config.output}")
+
+
+@dataclass(frozen=True)
+class ControllerEvaluation:
+    """Measures a controller: per clip through the encoder, under frozen latents, under random latents."""
+
+    weights: Path = field(default=WEIGHTS)
+    """Folder of llc.onnx and motion_encoder.onnx; the bundled ones if not given."""
+    clips: Path | None = None
+    """Folder of motion clips (.npz); the project's library if not given."""
+    episodes: int = 20
+    """Episodes per clip."""
+    json: bool = False
+    """Print everything as JSON instead of a table."""
+
+
+def evaluate(config: ControllerEvaluation) -> None:
+    """Prints survival and body error per clip, and falls under frozen and random latents."""
+    controller = LowLevelController.load(config.weights / "llc.onnx")
+    encoder = MotionEncoder.load(config.weights / "motion_encoder.onnx")
+    motions = ReferenceMotions(training_clips(config.clips, acrobatics=True))
+    result = evaluate_controller(controller, encoder, motions, config.episodes)
+    if config.json:
+        print(json.dumps(result, indent=1))
+        return
+    print(f"{'clip':34} survival  frames  error (mm)")
+    for name, row in sorted(result["clips"].items(), key=lambda item: item[1]["survival"]):
+        print(f"{name:34} {row['survival']:8.2f} {row['frames']:7.2f} {row['error_mm']:11.0f}")
+    for name, row in result["summary"].items():
+        print(f"{name}: {row['clips']} clips, survival {row['survival']:.2f}, error {row['error_mm']:.0f} mm")
+    print(f"falls in 10 s, frozen latent of a standing clip: mean {result['frozen_falls_mean']:.3f}", end="")
+    print(f", highest {result['frozen_falls_highest']:.3f}")
+    print(f"falls in 10 s, random latents of standing clips at 6 Hz: {result['random_falls']:.3f}")
+    print(f"falls in 10 s, uniform latents at 6 Hz: {result['uniform_falls']:.3f}")
