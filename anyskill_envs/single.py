@@ -31,7 +31,7 @@ class HumanoidEnv(RebuiltFromArguments, gym.Env[FloatArray, FloatArray]):
     ## Observation space
 
     `Box((223,), float32)`, AnySkill's proprioception in the heading frame; `OBSERVATION_LAYOUT` in
-    `anyskill_envs.observation` names the blocks: root height 1 (m), positions of 14 bodies relative to the pelvis 42 (m),
+    `anyskill_envs.observation` names the blocks: root height 1 (m), positions of 14 bodies from the pelvis 42 (m),
     x and z axes of 15 bodies 90, linear velocities 45 (m/s), angular velocities 45 (rad/s).
 
     ## Rewards
