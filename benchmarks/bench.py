@@ -4,7 +4,7 @@ All speeds are controller steps (1/30 s of one humanoid) per second of wall time
 
 - physics: the native batch steps the same MJCF through the same PD targets and does nothing else,
 - environment: HumanoidLatent-v0 from `gym.make_vec`, controller, observations, rewards and endings included,
-- subprocesses: Stable-Baselines3's `SubprocVecEnv` of the single HumanoidLatent-v0, with as many processes as is fastest,
+- subprocesses: Stable-Baselines3's `SubprocVecEnv` of the single HumanoidLatent-v0, with the better number of processes,
 - training: Stable-Baselines3's PPO on HumanoidText-v0, learning included.
 """
 
@@ -21,7 +21,6 @@ import numpy as np
 import tyro
 from mujoco.batch import Batch
 
-import anyskill_envs  # noqa: F401  (registers the environments)
 from anyskill_envs.latent import HumanoidLatentVectorEnv
 from anyskill_envs.simulation import CONTROLLER_STEPS, PHYSICS_STEPS
 from motion_data.skeleton import load_model
@@ -125,9 +124,8 @@ class Subprocesses:
         controller = str(options.controller) if options.controller else None
 
         def make() -> gym.Env:
-            import anyskill_envs  # noqa: F401  (registers the environments in this process)
-
-            return gym.make("HumanoidLatent-v0", controller=controller, num_threads=1)
+            # "module:id" registers the environments in the process
+            return gym.make("anyskill_envs:HumanoidLatent-v0", controller=controller, num_threads=1)
 
         self.envs = SubprocVecEnv([make] * count)
         self.envs.reset()
@@ -194,7 +192,9 @@ def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> int:
         missed |= bar is not None and value < bar
         unit = "" if "/" in name else " controller steps/s"
         verdict = "" if bar is None else f"   (bar {bar:g}: {'missed' if value < bar else 'ok'})"
-        print(f"{name:<28}{value:>10.3g}{unit}{verdict}" if "/" in name else f"{name:<28}{value:>10,.0f}{unit}{verdict}")
+        print(
+            f"{name:<28}{value:>10.3g}{unit}{verdict}" if "/" in name else f"{name:<28}{value:>10,.0f}{unit}{verdict}"
+        )
     if options.output is not None:
         report = {"options": {key: str(value) for key, value in asdict(options).items()}, "results": results}
         options.output.write_text(json.dumps(report, indent=2) + "\n")
