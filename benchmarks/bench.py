@@ -4,7 +4,7 @@ All speeds are controller steps (1/30 s of one humanoid) per second of wall time
 
 - physics: the native batch steps the same MJCF through the same PD targets and does nothing else,
 - environment: HumanoidLatent-v0 from `gym.make_vec`, controller, observations, rewards and endings included,
-- subprocesses: Stable-Baselines3's `SubprocVecEnv` of the single HumanoidLatent-v0, with the better number of processes,
+- subprocesses: Stable-Baselines3's `SubprocVecEnv` of the single HumanoidLatent-v0, at the better number of processes,
 - training: Stable-Baselines3's PPO on HumanoidText-v0, learning included.
 """
 

@@ -1,4 +1,4 @@
-"""Train a text skill with Stable-Baselines3's PPO as it comes; `anyskill train` adds a warm start, a report and a video.
+"""Train a text skill with Stable-Baselines3's PPO; `anyskill train` adds a warm start, a report and a video.
 
 python examples/train_with_sb3.py --text "raise both arms above the head" --decisions 100000
 """
