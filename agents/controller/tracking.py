@@ -215,7 +215,7 @@ class Tracking:
             self.failure_rate[clip] = keep * self.failure_rate[clip] + (1 - keep) * mine.mean()
         running = np.bincount(self.motions.clip_of_frame[self.frame], minlength=len(self.exposure)) / len(self.frame)
         self.exposure += rate * (running - self.exposure)
-        wanted = 0.15 + self.failure_rate
+        wanted = 0.1 + self.failure_rate
         wanted /= wanted.sum()
         weight = wanted * np.clip(wanted / np.maximum(self.exposure, 1e-6), 0.05, 20)
         self.clip_probabilities = weight / weight.sum()

@@ -1,0 +1,124 @@
+"""The stages of controller training, each for a few seconds on one clip, and the files they write."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from agents.controller.distill import DistillConfig, DistillTrainer
+from agents.controller.evaluate import evaluate_controller
+from agents.controller.export import export_student
+from agents.controller.finetune import FinetuneConfig, FinetuneTrainer
+from agents.controller.reference import ReferenceMotions
+from agents.controller.student import Student
+from agents.controller.teacher import Teacher, TeacherConfig, TeacherTrainer
+from agents.controller.tracking import Tracking, TrackingConfig, tracking_distance, tracking_reward
+from anyskill_envs.controller import LowLevelController, MotionEncoder
+from motion_data.authored import authored_clips
+from motion_data.window import WINDOW_MIRROR_INDEX, WINDOW_MIRROR_SIGN, window_features
+
+SECONDS = 0.05  # minutes: three seconds of each stage
+
+
+@pytest.fixture(scope="module")
+def motions() -> ReferenceMotions:
+    wanted = {"stand", "wave_right_hand", "squat"}
+    return ReferenceMotions([clip for clip in authored_clips() if clip.name in wanted])
+
+
+@pytest.fixture(scope="module")
+def teacher(motions: ReferenceMotions, tmp_path_factory: pytest.TempPathFactory) -> Teacher:
+    config = TeacherConfig(minutes=SECONDS, num_humanoids=32, horizon=8)
+    return TeacherTrainer(motions, tmp_path_factory.mktemp("teacher"), config).train()
+
+
+def test_reward_is_highest_at_the_reference(motions: ReferenceMotions) -> None:
+    expected = motions.observations[10:20]
+    np.testing.assert_allclose(tracking_reward(expected, expected), 1.0, atol=1e-6)
+    np.testing.assert_allclose(tracking_distance(expected, expected), 0.0, atol=1e-6)
+    assert (tracking_reward(expected + 0.05, expected) < 0.9).all()
+
+
+def test_distance_is_in_metres(motions: ReferenceMotions) -> None:
+    raised = motions.observations[:1].copy()
+    raised[:, 0] += 0.1  # the whole body 10 cm higher
+    np.testing.assert_allclose(tracking_distance(raised, motions.observations[:1]), 0.1, atol=1e-6)
+
+
+def test_feedforward_alone_holds_a_stand(motions: ReferenceMotions) -> None:
+    config = TrackingConfig(switch_probabilities=(0.0,), joint_noise=0.0, velocity_noise=0.0)
+    tracking = Tracking(motions, 4, np.random.default_rng(0), config)
+    stand = motions.starts[motions.names.index("stand")]
+    tracking.reset(np.arange(4), np.full(4, stand))
+    for _ in range(60):
+        _, failed, _ = tracking.step(tracking.feedforward())
+        assert not failed.any()
+
+
+def test_window_features_ignore_place_and_heading_and_mirror(motions: ReferenceMotions) -> None:
+    from motion_data.skeleton import mirror_qpos
+
+    index = motions.starts[1] + np.arange(60)[None]
+    qpos = motions.qpos[index]
+    moved = qpos.copy()
+    moved[..., :2] += [5.0, -3.0]
+    np.testing.assert_allclose(window_features(moved), window_features(qpos), atol=1e-5)
+    mirrored = window_features(qpos)[..., WINDOW_MIRROR_INDEX] * WINDOW_MIRROR_SIGN
+    np.testing.assert_allclose(window_features(mirror_qpos(qpos)), mirrored, atol=1e-5)
+
+
+def test_teacher_resumes_from_its_checkpoint(motions: ReferenceMotions, tmp_path: Path) -> None:
+    config = TeacherConfig(minutes=SECONDS / 3, num_humanoids=16, horizon=4)
+    first = TeacherTrainer(motions, tmp_path, config)
+    first.train()
+    second = TeacherTrainer(motions, tmp_path, replace(config, minutes=SECONDS))
+    assert second.samples == first.samples
+    for name, value in first.teacher.state_dict().items():
+        assert torch.equal(value, second.teacher.state_dict()[name])
+    second.train()
+    assert second.samples > first.samples
+    assert torch.equal(Teacher.load(second.path).actor[0].weight, second.teacher.actor[0].weight)
+
+
+def test_distil_finetune_export_evaluate(motions: ReferenceMotions, teacher: Teacher, tmp_path: Path) -> None:
+    distillation = DistillConfig(minutes=2 * SECONDS, num_humanoids=32, horizon=8, batch=256)
+    trainer = DistillTrainer(teacher, motions, tmp_path, distillation)
+    student = trainer.train()
+    assert DistillTrainer(teacher, motions, tmp_path, distillation).samples == trainer.samples
+    finetuning = FinetuneConfig(minutes=SECONDS, num_humanoids=16, horizon=4, critic_seconds=0.5)
+    student = FinetuneTrainer(student, motions, tmp_path, finetuning).train()
+
+    controller_path, encoder_path = export_student(student, motions, tmp_path, "test", "three authored clips")
+    controller, encoder = LowLevelController.load(controller_path), MotionEncoder.load(encoder_path)
+    assert controller.metadata["training_data"] == "three authored clips"
+    windows = motions.windows(np.arange(0, 60, 7))
+    latents = encoder.encode(windows)
+    np.testing.assert_allclose(np.linalg.norm(latents, axis=1), 1.0, atol=1e-5)
+    np.testing.assert_allclose(latents[:1], encoder.encode(windows[:1]), atol=1e-5)
+    assert set(controller.anchors) == {"stand", "wave_right_hand", "squat"}
+    observation = motions.observations[: len(latents)]
+    together = controller.act(observation, latents)
+    np.testing.assert_allclose(controller.act(observation[:1], latents[:1]), together[:1], atol=1e-5)
+
+    result = evaluate_controller(controller, encoder, motions, episodes=2)
+    assert set(result["clips"]) == set(motions.names)
+    assert 0 <= result["random_falls"] <= 1
+    assert all(0 <= row["survival"] <= 1 for row in result["clips"].values())
+
+
+def test_latents_depend_on_the_reference_alone(motions: ReferenceMotions) -> None:
+    """The encoder sees only the reference: the same window gives the same latent, whatever the humanoid does."""
+    student = Student()
+    windows = motions.windows(np.array([0, 5]))
+    np.testing.assert_array_equal(student.encode(windows), student.encode(windows))
+    np.testing.assert_allclose(np.linalg.norm(student.encode(windows), axis=1), 1.0, atol=1e-2)
+
+
+def test_clips_need_distinct_names(motions: ReferenceMotions) -> None:
+    with pytest.raises(ValueError, match="same name"):
+        ReferenceMotions([motions.clips[0], motions.clips[0]])
+    with pytest.raises(ValueError, match="No clips"):
+        ReferenceMotions([])
