@@ -74,7 +74,7 @@ def test_teacher_resumes_from_its_checkpoint(motions: ReferenceMotions, tmp_path
     config = TeacherConfig(minutes=SECONDS / 3, num_humanoids=16, horizon=4)
     first = TeacherTrainer(motions, tmp_path, config)
     first.train()
-    second = TeacherTrainer(motions, tmp_path, replace(config, minutes=SECONDS))
+    second = TeacherTrainer(motions, tmp_path, replace(config, minutes=first.seconds / 60 + SECONDS))
     assert second.samples == first.samples
     for name, value in first.teacher.state_dict().items():
         assert torch.equal(value, second.teacher.state_dict()[name])
