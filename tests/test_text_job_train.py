@@ -19,8 +19,9 @@ from agents.text.export import OnnxPolicy, parity_error
 from agents.text.monitor import load_checkpoint
 from agents.text.play import play
 from agents.text.run_folder import RunFolder, slug, write_whole
-from agents.text.search import search_latent
-from agents.text.train import make_environment, make_model, train
+from agents.text.search import search
+from agents.text.train import make_environment, make_model, search_start, train
+from agents.text.warm_start import policy_reward, warm_start
 from motion_data.skeleton import joint_index, rest_qpos
 
 TEXT = "raise both arms above the head"
@@ -237,66 +238,113 @@ def test_folder_names():
 
 
 class TargetEnv(gym.vector.VectorEnv):
-    """Rewards the cosine between the action and one direction; the episode of an action against it ends at once."""
+    """Rewards the cosine between the action and a wanted direction; the episode of an action against it ends at once.
 
-    def __init__(self, num_envs, target):
+    With two wanted directions these take turns at every decision, and the observation says whose turn it is.
+    """
+
+    def __init__(self, num_envs, *wanted):
         self.num_envs = num_envs
-        self.target = target
-        self.single_action_space = Box(-1, 1, target.shape, np.float32)
+        self.wanted = wanted
+        self.single_action_space = Box(-1, 1, wanted[0].shape, np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.seeds = []
+        self.single_observation_space = Box(-1, 1, (2,), np.float32)
+        self.decision = 0
+
+    def observation(self):
+        turn = self.decision % len(self.wanted)
+        return np.tile(np.float32([turn, 1 - turn]), (self.num_envs, 1))
 
     def reset(self, *, seed=None, options=None):
-        self.seeds.append(seed)
-        return np.zeros((self.num_envs, 1)), {}
+        self.decision = 0
+        return self.observation(), {}
 
     def step(self, actions):
-        cosine = actions @ self.target
-        no = np.zeros(self.num_envs, bool)
-        return np.zeros((self.num_envs, 1)), cosine, cosine < -0.2, no, {}
+        length = np.linalg.norm(actions, axis=1)
+        cosine = actions @ self.wanted[self.decision % len(self.wanted)] / length
+        self.decision += 1
+        return self.observation(), cosine, cosine < -0.5, np.zeros(self.num_envs, bool), {}
 
 
-def search(seed=0, rounds=4):
-    rng = np.random.default_rng(3)
-    latents = rng.normal(size=(40, 64))
-    latents /= np.linalg.norm(latents, axis=1, keepdims=True)
-    target = latents[17] + 0.6 * latents[30]
-    env = TargetEnv(32, (target / np.linalg.norm(target)).astype(np.float32))
-    names = [f"clip_{index}" for index in range(40)]
-    return search_latent(env, latents.astype(np.float32), names, np.random.default_rng(seed), rounds), env
+def directions(count):
+    vectors = np.random.default_rng(3).normal(size=(count, 64))
+    return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
+
+
+def find(wanted, latents, names, seed=0):
+    return search(TargetEnv(32, *wanted), latents, names, np.random.default_rng(seed))
+
+
+HELD_LATENTS = directions(40)
+HELD_NAMES = [f"clip_{index}" for index in range(40)]
+BETWEEN = (HELD_LATENTS[17] + 0.6 * HELD_LATENTS[30]) / np.linalg.norm(HELD_LATENTS[17] + 0.6 * HELD_LATENTS[30])
 
 
 def test_the_search_improves_on_the_best_of_the_library():
-    result, env = search()
-    assert np.linalg.norm(result.latent) == pytest.approx(1, abs=1e-5)
-    assert result.name == next(iter(result.library_rewards)) == "clip_17"
-    assert result.reward == pytest.approx(float(result.latent @ env.target), abs=1e-5)
-    assert result.reward > result.library_rewards["clip_17"] + 0.03
+    result = find([BETWEEN], HELD_LATENTS, HELD_NAMES)
+    assert result.played is None
+    assert np.linalg.norm(result.held.latents) == pytest.approx(1, abs=1e-5)
+    assert result.held.name == next(iter(result.library_rewards)) == "clip_17"
+    assert result.held.reward == pytest.approx(float(result.held.latents[0] @ BETWEEN), abs=1e-5)
+    assert result.held.reward > result.library_rewards["clip_17"] + 0.03
     assert all(later >= earlier for earlier, later in zip(result.curve, result.curve[1:], strict=False))
 
 
+def test_the_search_finds_the_clip_whose_rhythm_earns_most():
+    wanted = directions(42)[40:]
+    latents = np.concatenate([HELD_LATENTS, wanted])
+    result = find(wanted, latents, [*HELD_NAMES, "wave", "wave"])
+    assert result.played.name == "wave"
+    assert result.played.reward > 0.95 > result.held.reward + 0.2
+
+
 def test_the_search_repeats_itself_for_the_same_seed():
-    np.testing.assert_array_equal(search(seed=4)[0].latent, search(seed=4)[0].latent)
-    assert not np.array_equal(search(seed=4)[0].latent, search(seed=5)[0].latent)
+    first, again, other = (find([BETWEEN], HELD_LATENTS, HELD_NAMES, seed).held.latents for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
 
 
 def test_the_search_needs_latents():
     with pytest.raises(ValueError, match="at least one latent"):
-        search_latent(search()[1], np.zeros((0, 64), np.float32), [], np.random.default_rng(0))
+        find([BETWEEN], np.zeros((0, 64), np.float32), [])
 
 
-def test_the_warm_start_makes_the_policy_play_the_found_latent(tmp_path, controller_file):
-    from agents.text.train import warm_start
+def untrained(env):
+    from agents.sb3 import VectorEnvAdapter
 
+    env.metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    return PPO("MlpPolicy", VectorEnvAdapter(env), n_steps=8, batch_size=64, seed=0, device="cpu",
+               policy_kwargs={"log_std_init": -3.0})  # fmt: skip
+
+
+def test_a_policy_starts_from_a_held_latent():
+    env = TargetEnv(32, BETWEEN)
+    model = untrained(env)
+    report = warm_start(model, env, HELD_LATENTS, np.array(HELD_NAMES), seed=0)
+    action, _ = model.predict(env.reset()[0], deterministic=True)
+    assert report["start"] == "held"
+    assert action[0] @ BETWEEN / np.linalg.norm(action[0]) == pytest.approx(report["reward"], abs=0.02)
+
+
+def test_a_policy_starts_from_a_played_clip_by_imitation():
+    wanted = directions(42)[40:]
+    env = TargetEnv(32, *wanted)
+    model = untrained(env)
+    latents = np.concatenate([HELD_LATENTS, wanted])
+    report = warm_start(model, env, latents, np.array([*HELD_NAMES, "wave", "wave"]), seed=0)
+    assert report["start"] == "played"
+    assert report["played"]["clip"] == "wave"
+    assert policy_reward(env, model, np.random.default_rng(1)) > 0.95
+    # Adam has not moved yet: PPO starts fresh
+    assert not model.policy.optimizer.state_dict()["state"]
+
+
+def test_the_real_environment_can_be_searched(tmp_path, controller_file):
     config = small_config(tmp_path, controller_file, warm_start="search")
     env = make_environment(config, config.num_envs)
-    model = make_model(config, env)
-    found = warm_start(config, model)
-    action, _ = model.predict(env.reset(), deterministic=True)
-    bias = dict(model.policy.named_parameters())["action_net.bias"].detach().numpy()
-    assert np.linalg.norm(bias) == pytest.approx(1, abs=1e-5)
-    np.testing.assert_allclose(action, np.broadcast_to(bias, action.shape), atol=0.1)
-    assert found["start"] in ("walk", "idle", "wave_right", "squat")
+    report = search_start(config, make_model(config, env))
+    assert set(report["best_of_library"]) == {"walk", "idle", "wave_right", "squat"}
+    assert report["reward"] >= report["curve"][0] - 0.05
 
 
 def test_episodes_are_recorded_at_controller_rate_and_repeat_themselves(controller_file):

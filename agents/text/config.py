@@ -42,8 +42,8 @@ class TrainConfig:
     """Start anew although the output folder holds a run; the old one is deleted."""
 
     warm_start: Literal["search", "none"] = "search"
-    """"search" first tries the motion library's latents, each held for some seconds, and lets the policy start from the
-    one with the highest reward; "none" starts from no direction at all."""
+    """"search" first plays pieces of the motion library and lets the policy start from the one with the highest reward;
+    "none" starts from no direction at all."""
 
     reward: str = "clip"
     """Name of the reward."""

@@ -1,32 +1,64 @@
-"""Warm start: which latent, simply held, earns the most reward?
+"""Warm start: which piece of the motion library, played through the controller, earns the most reward?
 
 A policy over unit latents that starts from nothing plays a random direction at every decision, and most of its first
-minutes go into finding out that the motion library's own latents are the sensible ones. The search tries those first:
-every humanoid of the batch holds one candidate for some seconds; the best are kept, varied and mixed for a few rounds
-(a cross-entropy search, Rubinstein 1999). The winner becomes the bias of the policy's last layer; PPO then makes it
-depend on the state. Only the environment's reward is used.
+minutes go into finding out that the motion library's own latents are the sensible ones. The search tries those first.
+A candidate is a sequence of latents that is played over and over, one per decision: a single latent that is held, or
+all latents of a clip. Every humanoid of the batch plays one candidate for some seconds; the best are kept, varied and
+mixed for a few rounds (a cross-entropy search, Rubinstein 1999). The policy then starts from the winner, and PPO makes
+it depend on the state and improves it. Only the environment's reward is used.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-HOLD_DECISIONS = 30
-"""Decisions (1/6 s) for which a candidate is held: 5 s."""
+FloatArray = NDArray[np.float32]
+
+TRIAL_DECISIONS = 30
+"""Decisions (1/6 s) for which a candidate is played: 5 s."""
 SETTLE_DECISIONS = 9
 """Decisions at the start that do not count: 1.5 s for getting from standing into the motion."""
-LIBRARY_SIZE = 512
-"""Latents of the motion library that are tried at most."""
+HELD_CANDIDATES = 384
+"""Latents of the motion library that are tried at most, each held."""
 ELITE = 12
 """Candidates that survive a round."""
 SPREAD = 0.04
 """Standard deviation of a variation in each of the 64 numbers of a unit latent: about 18 degrees."""
+
+
+@dataclass
+class Candidate:
+    """A sequence of unit latents `(L, 64)`, played over and over, and the rewards that its trials earned.
+
+    Attributes:
+        latents: The sequence; a held latent has L = 1.
+        name: The library clip that it descends from.
+        rewards: Mean reward per decision of each trial.
+    """
+
+    latents: FloatArray
+    name: str
+    rewards: list[float] = field(default_factory=list)
+
+    @property
+    def held(self) -> bool:
+        """Whether it is one latent that is held."""
+        return len(self.latents) == 1
+
+    @property
+    def reward(self) -> float:
+        """Mean over its trials."""
+        return float(np.mean(self.rewards)) if self.rewards else -np.inf
+
+    def unrolled(self, decisions: int) -> FloatArray:
+        """The latents of some decisions, `(decisions, 64)`."""
+        return self.latents[np.arange(decisions) % len(self.latents)]
 
 
 @dataclass(frozen=True)
@@ -34,146 +66,137 @@ class SearchResult:
     """What the search found.
 
     Attributes:
-        latent: The best unit latent, `(64,)` float32.
-        name: The library clip that it descends from.
-        reward: Its mean reward per decision.
-        library_rewards: Name of each library clip and the mean reward of its best latent, best first.
-        candidates: How many latents were tried.
-        curve: Mean reward of the best candidate after each round.
+        held: The best candidate with a single latent.
+        played: The best candidate with a sequence of latents; None if the library has no clip of more than one latent.
+        library_rewards: Name of each library clip and its best reward before any variation, best first.
+        tried: How many candidates were tried.
+        curve: Best mean reward after the library was tried, and after each round.
     """
 
-    latent: NDArray[np.float32]
-    name: str
-    reward: float
+    held: Candidate
+    played: Candidate | None
     library_rewards: dict[str, float]
-    candidates: int
+    tried: int
     curve: list[float]
 
 
-def _unit(vectors: NDArray[np.floating]) -> NDArray[np.float32]:
+def unit(vectors: NDArray[np.floating]) -> FloatArray:
+    """Vectors `(..., d)` scaled to length 1."""
     return (vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)).astype(np.float32)
 
 
-def held_rewards(env: VectorEnv, latents: NDArray[np.float32], seed: int) -> NDArray[np.float64]:
-    """Mean reward per decision of latents that are held from a standing start.
+def library_candidates(latents: FloatArray, names: Sequence[str] | NDArray[np.str_]) -> list[Candidate]:
+    """The candidates that a motion library offers: its clips played, and evenly spaced latents held.
+
+    Args:
+        latents: Unit latents, `(k, 64)`, those of a clip one after the other, one per decision.
+        names: The clip of each latent, `(k,)`.
+
+    Raises:
+        ValueError: There are no latents.
+    """
+    if not len(latents):
+        raise ValueError("The search needs at least one latent to begin with; the controller's latents are missing.")
+    names = np.asarray(names)
+    chosen = np.unique(np.linspace(0, len(latents) - 1, HELD_CANDIDATES).round().astype(int))
+    held = [Candidate(unit(latents[[index]]), str(names[index])) for index in chosen]
+    played = [Candidate(unit(latents[names == name]), str(name)) for name in dict.fromkeys(names.tolist())]
+    return held + [candidate for candidate in played if not candidate.held]
+
+
+def try_candidates(env: VectorEnv, candidates: Sequence[Candidate], rng: np.random.Generator) -> None:
+    """Plays each candidate once from a standing start and adds what it earned to its rewards.
+
+    Rewards count after the settling time; decisions after a termination count 0.
 
     Args:
         env: A latent environment of n humanoids.
-        latents: Unit latents, `(k, 64)`, k at most n.
-        seed: Seed of the start states.
-
-    Returns:
-        Mean reward after the settling time, `(k,)`; decisions after a termination count 0.
+        candidates: Any number; they are played n at a time.
+        rng: Draws the seeds of the start states.
     """
-    count = len(latents)
-    actions = np.resize(latents, (env.num_envs, latents.shape[1]))
-    env.reset(seed=seed)
-    alive = np.ones(env.num_envs, bool)
-    total = np.zeros(env.num_envs)
-    for decision in range(HOLD_DECISIONS):
-        _, reward, terminated, _, _ = env.step(actions)
-        if decision >= SETTLE_DECISIONS:
-            total += np.where(alive, reward, 0.0)
-        alive &= ~terminated
-    return total[:count] / (HOLD_DECISIONS - SETTLE_DECISIONS)
+    for start in range(0, len(candidates), env.num_envs):
+        chosen = candidates[start : start + env.num_envs]
+        # the humanoids that are left over repeat the first ones
+        plans = np.stack([chosen[i % len(chosen)].unrolled(TRIAL_DECISIONS) for i in range(env.num_envs)])
+        env.reset(seed=int(rng.integers(2**31)))
+        alive = np.ones(env.num_envs, bool)
+        total = np.zeros(env.num_envs)
+        for decision in range(TRIAL_DECISIONS):
+            _, reward, terminated, _, _ = env.step(plans[:, decision])
+            if decision >= SETTLE_DECISIONS:
+                total += np.where(alive, reward, 0.0)
+            alive &= ~terminated
+        for candidate, earned in zip(chosen, total, strict=False):
+            candidate.rewards.append(float(earned) / (TRIAL_DECISIONS - SETTLE_DECISIONS))
 
 
-class _Population:
-    """Candidates with the mean of all their trials, so that one lucky trial does not win."""
-
-    def __init__(self) -> None:
-        self.latents: list[NDArray[np.float32]] = []
-        self.names: list[str] = []
-        self.sums: list[float] = []
-        self.trials: list[int] = []
-
-    def add(self, latent: NDArray[np.float32], name: str) -> int:
-        self.latents.append(latent)
-        self.names.append(name)
-        self.sums.append(0.0)
-        self.trials.append(0)
-        return len(self.latents) - 1
-
-    def try_all(self, env: VectorEnv, ids: list[int], seeds: np.random.Generator) -> None:
-        for start in range(0, len(ids), env.num_envs):
-            chosen = ids[start : start + env.num_envs]
-            rewards = held_rewards(env, np.stack([self.latents[i] for i in chosen]), int(seeds.integers(2**31)))
-            for index, reward in zip(chosen, rewards, strict=True):
-                self.sums[index] += float(reward)
-                self.trials[index] += 1
-
-    def means(self) -> NDArray[np.float64]:
-        return np.array(self.sums) / np.maximum(self.trials, 1)
-
-    def best(self, count: int) -> list[int]:
-        return np.argsort(-self.means(), kind="stable")[:count].tolist()
+def vary(elite: Sequence[Candidate], rng: np.random.Generator) -> Candidate:
+    """A new candidate near one of the elite, or between two of them if both are held."""
+    first, second = (elite[index] for index in rng.integers(len(elite), size=2))
+    parent, name = first.latents, first.name
+    if first.held and second.held:
+        mix = rng.uniform()
+        parent = unit(mix * first.latents + (1 - mix) * second.latents + 1e-6)
+        name = first.name if mix >= 0.5 else second.name
+    # one offset for the whole sequence: its rhythm stays
+    return Candidate(unit(parent + rng.normal(0.0, SPREAD, parent.shape[1])), name)
 
 
-def search_latent(
+def best(candidates: Sequence[Candidate], count: int, trials: int = 1) -> list[Candidate]:
+    """The candidates with the highest mean reward among those with enough trials, best first."""
+    known = [candidate for candidate in candidates if len(candidate.rewards) >= trials]
+    return sorted(known, key=lambda candidate: -candidate.reward)[:count]
+
+
+def search(
     env: VectorEnv,
-    latents: NDArray[np.float32],
+    latents: FloatArray,
     names: Sequence[str] | NDArray[np.str_],
     rng: np.random.Generator,
     rounds: int = 4,
 ) -> SearchResult:
-    """Finds a latent that earns a high reward when it is held.
+    """Finds latents that earn a high reward.
 
     Args:
         env: A latent environment of n humanoids with the reward to be maximised.
-        latents: Unit latents to begin with, `(k, 64)`; at most `LIBRARY_SIZE` of them are tried, evenly spaced.
+        latents: The library's unit latents, `(k, 64)`; see :func:`library_candidates`.
         names: The clip of each latent, `(k,)`.
         rng: Draws variations and start states.
-        rounds: Rounds of variation after the library itself was tried; each takes n x 5 s of simulated time.
+        rounds: Rounds of variation after the library was tried; each takes n x 5 s of simulated time.
 
     Returns:
-        The best latent, and what was seen on the way.
+        The best candidates, and what was seen on the way.
 
     Raises:
-        ValueError: If the library is empty.
+        ValueError: If there are no latents.
     """
-    if not len(latents):
-        raise ValueError("The search needs at least one latent to begin with; the controller's latents are missing.")
-    population = _Population()
-    chosen = np.unique(np.linspace(0, len(latents) - 1, LIBRARY_SIZE).round().astype(int))
-    library_ids = [population.add(_unit(latents[index]), str(names[index])) for index in chosen]
-    population.try_all(env, library_ids, rng)
-    population.try_all(env, population.best(env.num_envs), rng)  # a second trial for the better ones
-    curve = [float(population.means().max())]
-    for _ in range(rounds):
-        elite = population.best(ELITE)
-        ids = list(elite)
-        while len(ids) < max(env.num_envs, 2 * ELITE):
-            first, second = rng.choice(elite, 2)
-            mix = rng.uniform()
-            parent = mix * population.latents[first] + (1 - mix) * population.latents[second]
-            child = _unit(_unit(parent) + rng.normal(0.0, SPREAD, parent.shape))
-            ids.append(population.add(child, population.names[first if mix >= 0.5 else second]))
-        population.try_all(env, ids, rng)
-        curve.append(float(population.means()[elite].max()))
-    # Those that survived a round were tried at least twice.
-    means = np.where(np.array(population.trials) >= 2, population.means(), -np.inf)
-    winner = int(means.argmax())
+    library = library_candidates(latents, names)
+    try_candidates(env, library, rng)
+    try_candidates(env, best(library, env.num_envs), rng)  # a second trial, so that luck does not win
     library_rewards: dict[str, float] = {}
-    for index in library_ids:
-        name, reward = population.names[index], float(population.means()[index])
-        library_rewards[name] = max(reward, library_rewards.get(name, -np.inf))
-    return SearchResult(
-        latent=population.latents[winner],
-        name=population.names[winner],
-        reward=float(means[winner]),
-        library_rewards=dict(sorted(library_rewards.items(), key=lambda item: -item[1])),
-        candidates=len(population.latents),
-        curve=curve,
-    )
+    for candidate in best(library, len(library)):
+        library_rewards.setdefault(candidate.name, candidate.reward)
+    population = list(library)
+    curve = [best(population, 1, trials=2)[0].reward]
+    for _ in range(rounds):
+        elite = best(population, ELITE, trials=2)
+        children = [vary(elite, rng) for _ in range(max(env.num_envs - ELITE, ELITE))]
+        try_candidates(env, elite + children, rng)
+        population += children
+        try_candidates(env, best(children, ELITE), rng)
+        curve.append(best(population, 1, trials=2)[0].reward)
+    ranking = best(population, len(population), trials=2)
+    played = [candidate for candidate in ranking if not candidate.held]
+    held = [candidate for candidate in ranking if candidate.held] or best(library[:HELD_CANDIDATES], 1)
+    return SearchResult(held[0], played[0] if played else None, library_rewards, len(population), curve)
 
 
 def summary(result: SearchResult) -> dict[str, Any]:
-    """What a report says about the search: JSON values without the latent itself."""
-    best = dict(list(result.library_rewards.items())[:5])
+    """What a report says about the search: JSON values without the latents themselves."""
     return {
-        "start": result.name,
-        "reward": result.reward,
-        "candidates": result.candidates,
+        "held": {"clip": result.held.name, "reward": result.held.reward},
+        "played": None if result.played is None else {"clip": result.played.name, "reward": result.played.reward},
+        "tried": result.tried,
         "curve": result.curve,
-        "best_of_library": best,
+        "best_of_library": dict(list(result.library_rewards.items())[:5]),
     }

@@ -111,28 +111,17 @@ def make_model(config: TrainConfig, env: VecEnv) -> PPO:
     )
 
 
-def warm_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
-    """Lets the policy start from the latent that earns most when it is held; see `agents.text.search`.
-
-    Returns:
-        What the report says about the search.
-    """
+def search_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
+    """Lets the policy start from what earns most in the motion library; returns what the report says about it."""
     import gymnasium as gym
-    import torch
 
-    from agents.text.search import search_latent, summary
+    from agents.text.warm_start import warm_start
 
     env = gym.make_vec(ENVIRONMENT, num_envs=config.num_envs, text=config.text, **environment_options(config))
-    rng = np.random.default_rng(config.seed)
     controller = env.unwrapped.decoder.controller  # type: ignore[attr-defined]
-    result = search_latent(env, controller.latents, controller.clip_names, rng)
+    report = warm_start(model, env, controller.latents, controller.clip_names, config.seed)
     env.close()
-    with torch.no_grad():
-        parameters = dict(model.policy.named_parameters())
-        parameters["action_net.bias"].copy_(torch.as_tensor(result.latent))
-        # The value of holding it for ever; by gradient descent it would take the first updates to find.
-        parameters["value_net.bias"].fill_(result.reward / max(1.0 - config.discount, 1e-3))
-    return summary(result)
+    return report
 
 
 def _run(config: TrainConfig, folder: RunFolder, started: float) -> dict[str, Any]:
@@ -157,7 +146,7 @@ def _run(config: TrainConfig, folder: RunFolder, started: float) -> dict[str, An
             progress = {"seconds": 0.0, "history": [], "search": None}
             if config.warm_start == "search":
                 display.show(0.0, "searching the motion library")
-                progress["search"] = warm_start(config, model)
+                progress["search"] = search_start(config, model)
                 progress["seconds"] = time.monotonic() - started
         model.set_logger(configure(str(folder.tensorboard), ["tensorboard"]))
         monitor = TrainingMonitor(folder, display, budget, progress)
