@@ -220,7 +220,7 @@ class DistillTrainer:
             loss.backward()
             nn.utils.clip_grad_norm_(self.student.parameters(), 1.0)
             self.optimizer.step()
-            losses.append(float(error))
+            losses.append(float(error.detach()))
         return float(np.mean(losses))
 
 
