@@ -16,7 +16,7 @@ CONTROLLER_STEPS = 5
 """Controller steps per high-level decision (1/6 s)."""
 
 MAX_SPEED = 500.0
-"""m/s and rad/s: far beyond what a body does; a simulation that is faster has blown up, though MuJoCo says nothing yet."""
+"""m/s and rad/s, far beyond what a body does: a faster simulation has blown up, though MuJoCo says nothing yet."""
 
 _BAD_STATE = [
     mujoco.mjtWarning.mjWARN_BADQPOS.value,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -18,20 +17,17 @@ from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE, obse
 from anyskill_envs.rebuilding import RebuiltFromArguments
 from anyskill_envs.rendering import Camera, HumanoidRenderer
 from anyskill_envs.simulation import HumanoidSimulation
+from anyskill_envs.starts import START_NAMES, draw_starts
+from anyskill_envs.vector_info import final_entries, reward_entries, with_masks
 from anyskill_envs.viewer import HumanoidViewer
-from motion_data.skeleton import BODY_NAMES, FRAME_RATE, rest_qpos
+from motion_data.skeleton import BODY_NAMES, FRAME_RATE
 from rewards import RewardOutput
-
-if TYPE_CHECKING:
-    from motion_data.library import MotionLibrary
 
 FALL_HEIGHT = 0.05
 """Metres: AnySkill's termination height of bodies that should not touch the floor."""
 # AnySkill exempts the feet only; a shin that lies on the floor is kneeling, not falling.
 _MAY_TOUCH_FLOOR = ("right_foot", "left_foot", "right_shin", "left_shin")
 _SHOULD_STAY_UP = [index for index, name in enumerate(BODY_NAMES) if name not in _MAY_TOUCH_FLOOR]
-
-INITIAL_STATES = ("standing", "library")
 
 # Bounds of the observation, far outside of what a humanoid does: they keep a violent tumble finite for a policy.
 OBSERVATION_BOUNDS = {
@@ -49,14 +45,6 @@ def proprioception_space() -> Box:
     for name, place in OBSERVATION_LAYOUT.items():
         high[place] = OBSERVATION_BOUNDS[name]
     return Box(-high, high, dtype=np.float32)
-
-
-@cache
-def _default_library() -> MotionLibrary:
-    # Imported here: only environments that start from motion clips need them.
-    from motion_data.library import MotionLibrary
-
-    return MotionLibrary.default()
 
 
 class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, NDArray[Any]]):
@@ -135,8 +123,8 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
             raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
         if max_episode_steps is not None and max_episode_steps < 1:
             raise ValueError(f"max_episode_steps must be at least 1 or None, got {max_episode_steps}.")
-        if initial_state not in INITIAL_STATES:
-            raise ValueError(f"initial_state must be one of {', '.join(INITIAL_STATES)}, got {initial_state!r}.")
+        if initial_state not in START_NAMES:
+            raise ValueError(f"initial_state must be one of {', '.join(START_NAMES)}, got {initial_state!r}.")
         if not 0 <= reset_noise_scale < np.inf:
             raise ValueError(f"reset_noise_scale must be a number from 0 on, got {reset_noise_scale}.")
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -207,8 +195,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
 
         Args:
             count: number of humanoids k.
-            initial_state: "standing", "library", or a mapping with `qpos` ``(35,)`` or ``(k, 35)`` and, if wanted,
-                `qvel` ``(34,)`` or ``(k, 34)``, which gets no noise.
+            initial_state: what :func:`anyskill_envs.starts.draw_starts` takes.
 
         Returns:
             qpos ``(k, 35)`` and qvel ``(k, 34)``.
@@ -216,30 +203,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         Raises:
             ValueError: the state is none of these.
         """
-        model = self.simulation.model
-        if isinstance(initial_state, Mapping):
-            qpos = _rows(initial_state.get("qpos"), count, model.nq, "qpos")
-            qvel = _rows(initial_state.get("qvel", np.zeros(model.nv)), count, model.nv, "qvel")
-            return qpos, qvel
-        if initial_state == "standing":
-            qpos = np.tile(rest_qpos(), (count, 1))
-            qvel = np.zeros((count, model.nv))
-        elif initial_state == "library":
-            library = _default_library()
-            clips = library.sample(self.np_random, count)
-            frames = library.starts[clips] + self.np_random.integers(library.lengths[clips])
-            qpos = library.qpos[frames].copy()
-            qvel = library.qvel[frames].copy()
-            qpos[:, :2] = 0.0
-        else:
-            raise ValueError(
-                f"initial_state must be one of {', '.join(INITIAL_STATES)}, or a dictionary with 'qpos' and 'qvel', "
-                f"got {initial_state!r}."
-            )
-        scale = self.reset_noise_scale
-        qpos[:, 7:] += self.np_random.uniform(-scale, scale, (count, model.nq - 7))
-        qvel += self.np_random.uniform(-scale, scale, qvel.shape)
-        return qpos, qvel
+        return draw_starts(initial_state, count, self.reset_noise_scale, self.np_random)
 
     def begin_episodes(self, ids: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Called when humanoids `ids` were put into new start states.
@@ -269,7 +233,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         Args:
             seed: seeds the one random generator of the batch.
             options: `reset_mask` ``(num_envs,)`` bool, the humanoids to reset (all by default); `initial_state`, for
-                this reset only, see :meth:`start_states`; subclasses may know more.
+                this reset only, see :func:`anyskill_envs.starts.draw_starts`; subclasses may know more.
 
         Returns:
             Observations of all humanoids and `info`.
@@ -307,9 +271,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
             raise ValueError(f"Unknown reset option {unknown[0]!r}; the options that exist are: {known}.")
         self._start_episodes(ids, options)
         self._was_reset = True
-        return self.observations(slice(None)), _with_masks(
-            self._info_after_reset(decoder), np.ones(self.num_envs, bool)
-        )
+        return self.observations(slice(None)), with_masks(self._info_after_reset(decoder), np.ones(self.num_envs, bool))
 
     def step_with(
         self, decoder: ActionDecoder, actions: ArrayLike
@@ -334,13 +296,13 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             self._ended = done
         elif done.any():
-            final = _final_entries(observation, info, done)
+            final = final_entries(observation, info, done)
             ids = np.flatnonzero(done)
             self._start_episodes(ids, {})
             observation[ids] = self.observations(ids)
             for key, value in self._info_after_reset(decoder).items():
                 info[key][ids] = value[ids]
-        return observation, reward, terminated, truncated, _with_masks(info, np.ones(self.num_envs, bool)) | final
+        return observation, reward, terminated, truncated, with_masks(info, np.ones(self.num_envs, bool)) | final
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of all humanoids, uint8 ``(height, width, 3)`` each; None in a window or without a render mode."""
@@ -383,7 +345,6 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         qpos, qvel = self.start_states(len(ids), options.get("initial_state", self.initial_state))
         self.simulation.reset(ids, qpos, qvel)
         bodies = self.simulation
-        self.proprioception = self.proprioception.copy()
         self.proprioception[ids] = observe(
             bodies.body_positions[ids],
             bodies.body_quaternions[ids],
@@ -413,7 +374,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
             self._elapsed += running
             # A diverged simulation stands in the rest pose again: nothing that it shows deserves a reward.
             counted = running & ~broken
-            for key, value in _reward_entries(self.compute_reward(commands)).items():
+            for key, value in reward_entries(self.compute_reward(commands)).items():
                 sums[key] = sums.get(key, 0.0) + np.where(counted, value, 0.0)
             diverged |= broken
             terminated |= running & (broken | self.has_ended())
@@ -448,7 +409,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         count = self.num_envs
         commands = decoder.commands(np.zeros((count, *decoder.space.shape), np.float32))
         if not self._reward_keys:
-            self._reward_keys = tuple(_reward_entries(self.compute_reward(commands)))
+            self._reward_keys = tuple(reward_entries(self.compute_reward(commands)))
         info = self._state_info()
         info |= {key: np.zeros(count) for key in self._reward_keys}
         info |= {"diverged": np.zeros(count, bool), "controller_steps": np.zeros(count, np.int64)}
@@ -466,36 +427,3 @@ def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
     except ValueError:
         names = ", ".join(repr(member.value) for member in AutoresetMode)
         raise ValueError(f"autoreset_mode must be one of {names}, got {mode!r}.") from None
-
-
-def _rows(values: Any, count: int, size: int, name: str) -> NDArray[np.float64]:
-    """Values ``(size,)`` or ``(count, size)`` as ``(count, size)``."""
-    array = np.asarray(np.nan if values is None else values, np.float64)
-    if array.shape not in ((size,), (count, size)) or not np.isfinite(array).all():
-        raise ValueError(
-            f"options['initial_state']['{name}'] must hold finite numbers of shape ({size},) or ({count}, {size}), got "
-            f"shape {array.shape}."
-        )
-    return np.array(np.broadcast_to(array, (count, size)))
-
-
-def _reward_entries(output: RewardOutput) -> dict[str, NDArray[np.float32]]:
-    """The entries of `info` that a reward makes."""
-    entries = {f"reward_{name}": value for name, value in output.terms.items()}
-    if output.similarity is not None:
-        entries["similarity"] = output.similarity
-    return entries
-
-
-def _with_masks(info: dict[str, NDArray[Any]], mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """Gymnasium's vector format: beside each key the humanoids that have it."""
-    return info | {f"_{key}": mask.copy() for key in info}
-
-
-def _final_entries(observation: FloatArray, info: dict[str, NDArray[Any]], done: NDArray[np.bool_]) -> dict[str, Any]:
-    """Gymnasium's "SameStep" format of the last observation and info of the episodes that are done."""
-    final_obs = np.full(len(done), None, dtype=object)
-    for index in np.flatnonzero(done):
-        final_obs[index] = observation[index].copy()
-    final_info = _with_masks({key: value.copy() for key, value in info.items()}, done)
-    return {"final_obs": final_obs, "_final_obs": done.copy(), "final_info": final_info, "_final_info": done.copy()}

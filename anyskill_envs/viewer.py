@@ -62,6 +62,7 @@ class HumanoidViewer:
             self._data.qpos[:] = qpos
             mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_camlight(self._model, self._data)
+            self._handle.cam.lookat[:] = qpos[:3]  # the user's mouse turns the camera about the pelvis
         self._handle.sync()
         wait = self._next_frame - time.perf_counter()
         if wait > 0:
@@ -78,10 +79,9 @@ class HumanoidViewer:
             )
         except Exception as error:  # GLFW, or macOS without `mjpython`
             raise RenderingError(f"The window does not open: {error}") from error
-        camera = self._handle.cam
-        camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-        camera.trackbodyid = 1
-        camera.distance, camera.azimuth, camera.elevation = 3.5, 150.0, -10.0
+        with self._handle.lock():
+            camera = self._handle.cam
+            camera.distance, camera.azimuth, camera.elevation = 3.5, 150.0, -10.0
 
     def close(self) -> None:
         """Close the window."""

@@ -362,17 +362,17 @@ print(test_envs_batch.rollout_digest({str(controller_file)!r}, 1))
 def test_importing_and_stepping_loads_no_torch_and_is_quick(controller_file):
     script = f"""
 import sys, time
-start = time.perf_counter()
+start = time.process_time()
 import gymnasium, anyskill_envs
-imported = time.perf_counter() - start
+imported = time.process_time() - start
 envs = gymnasium.make_vec("HumanoidLatent-v0", num_envs=2, controller={str(controller_file)!r})
 envs.reset(seed=0)
 envs.step(envs.action_space.sample())
-ready = time.perf_counter() - start
+ready = time.process_time() - start
 loaded = [name for name in ("torch", "stable_baselines3", "transformers", "matplotlib") if name in sys.modules]
 print(loaded, imported, ready)
 assert not loaded, loaded
-assert ready < 5, ready  # under a second on an idle machine
+assert ready < 4, ready  # seconds of CPU; about one on an idle machine
 """
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=TESTS.parent, timeout=120)
     assert run.returncode == 0, run.stdout + run.stderr
