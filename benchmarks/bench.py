@@ -5,7 +5,7 @@ All speeds are controller steps (1/30 s of one humanoid) per second of wall time
 - physics: the native batch steps the same MJCF through the same PD targets and does nothing else,
 - environment: HumanoidLatent-v0 from `gym.make_vec`, controller, observations, rewards and endings included,
 - subprocesses: Stable-Baselines3's `SubprocVecEnv` of the single HumanoidLatent-v0, at the better number of processes,
-- training: Stable-Baselines3's PPO on HumanoidText-v0, learning included.
+- training: PPO on HumanoidText-v0 with the settings of `anyskill train`, learning included.
 """
 
 import json
@@ -40,7 +40,7 @@ class Options:
     """Measurements of each kind; the median counts."""
     training_envs: int = 128
     """Humanoids in training."""
-    training_decisions: int = 64
+    training_decisions: int = 96
     """Decisions of each humanoid in training."""
     num_threads: int = 0
     """Native threads; 0 for one per CPU."""
@@ -143,21 +143,23 @@ class Subprocesses:
 
 
 def training_speed(options: Options) -> float:
-    """Controller steps per second of PPO on HumanoidText-v0."""
-    from stable_baselines3 import PPO
+    """Controller steps per second of the main job's PPO, as `anyskill train` sets it up."""
+    import torch
 
-    from agents.sb3 import make_sb3_env
+    from agents.text.config import TrainConfig
+    from agents.text.train import make_environment, make_model
 
-    env = make_sb3_env(
-        "HumanoidText-v0", options.training_envs, controller=options.controller, num_threads=options.num_threads
+    torch.set_num_threads(1)  # as the main job does
+    config = TrainConfig(
+        text="raise both arms above the head", num_envs=options.training_envs, controller=options.controller
     )
-    steps = max(options.training_decisions // 4, 1)
-    model = PPO("MlpPolicy", env, n_steps=steps, batch_size=steps * options.training_envs // 4, device="cpu")
-    model.learn(steps * options.training_envs)  # warm-up
-    count = options.training_decisions * options.training_envs
-    elapsed = seconds(lambda: model.learn(count))
+    env = make_environment(config, config.num_envs)
+    model = make_model(config, env)
+    model.learn(config.decisions_per_update * config.num_envs)  # warm-up
+    before = model.num_timesteps
+    elapsed = seconds(lambda: model.learn(options.training_decisions * config.num_envs, reset_num_timesteps=False))
     env.close()
-    return count * CONTROLLER_STEPS / elapsed
+    return (model.num_timesteps - before) * CONTROLLER_STEPS / elapsed
 
 
 def measure(options: Options) -> dict[str, float]:
