@@ -19,7 +19,7 @@ from agents.text.export import OnnxPolicy, parity_error
 from agents.text.monitor import load_checkpoint
 from agents.text.play import play
 from agents.text.run_folder import RunFolder, slug, write_whole
-from agents.text.search import search
+from agents.text.search import SETTLE_DECISIONS, Earnings, search
 from agents.text.train import make_environment, make_model, search_start, train
 from agents.text.warm_start import policy_reward, warm_start
 from motion_data.skeleton import joint_index, rest_qpos
@@ -209,6 +209,7 @@ def test_play_refuses_what_it_cannot_do(finished, tmp_path, monkeypatch):
         ({"num_envs": 0}, "num_envs"),
         ({"seed": -1}, "seed"),
         ({"discount": 1.5}, "discount"),
+        ({"alive_bonus": -1.0}, "alive_bonus"),
         ({"batch_size": 10_000}, "batch_size 10000 is more than"),
         ({"resume": True, "overwrite": True}, "exclude each other"),
     ],
@@ -272,7 +273,7 @@ def directions(count):
 
 
 def find(wanted, latents, names, seed=0):
-    return search(TargetEnv(32, *wanted), latents, names, np.random.default_rng(seed))
+    return search(TargetEnv(32, *wanted), latents, names, 0.5, np.random.default_rng(seed))
 
 
 HELD_LATENTS = directions(40)
@@ -304,6 +305,28 @@ def test_the_search_repeats_itself_for_the_same_seed():
     assert not np.array_equal(first, other)
 
 
+def test_a_fall_costs_the_bonus_from_then_on():
+    earnings = Earnings(2, alive_bonus=0.5)
+    no = np.zeros(2, bool)
+    for _ in range(SETTLE_DECISIONS):
+        earnings.add(np.array([9.0, 9.0]), no)
+    earnings.add(np.array([-0.2, -0.2]), np.array([True, False]))
+    earnings.add(np.array([-0.2, -0.2]), no)
+    np.testing.assert_allclose(earnings.means(), [-0.35, -0.2])
+
+
+def test_the_bonus_is_for_decisions_without_a_fall(tmp_path, controller_file):
+    env = make_environment(small_config(tmp_path, controller_file, alive_bonus=3.0), 4)
+    env.seed(0)
+    env.reset()
+    rng = np.random.default_rng(0)
+    for _ in range(61):
+        _, rewards, dones, infos = env.step(rng.uniform(-1, 1, (4, 64)).astype(np.float32))
+        own = [sum(value for name, value in info.items() if name.startswith("reward_")) for info in infos]
+        fell = [bool(done and not info["TimeLimit.truncated"]) for done, info in zip(dones, infos, strict=True)]
+        np.testing.assert_allclose(rewards - own, np.where(fell, 0.0, 3.0), atol=1e-5)
+
+
 def test_the_search_needs_latents():
     with pytest.raises(ValueError, match="at least one latent"):
         find([BETWEEN], np.zeros((0, 64), np.float32), [])
@@ -320,7 +343,7 @@ def untrained(env):
 def test_a_policy_starts_from_a_held_latent():
     env = TargetEnv(32, BETWEEN)
     model = untrained(env)
-    report = warm_start(model, env, HELD_LATENTS, np.array(HELD_NAMES), seed=0)
+    report = warm_start(model, env, HELD_LATENTS, np.array(HELD_NAMES), 0.5, seed=0)
     action, _ = model.predict(env.reset()[0], deterministic=True)
     assert report["start"] == "held"
     assert action[0] @ BETWEEN / np.linalg.norm(action[0]) == pytest.approx(report["reward"], abs=0.02)
@@ -331,10 +354,10 @@ def test_a_policy_starts_from_a_played_clip_by_imitation():
     env = TargetEnv(32, *wanted)
     model = untrained(env)
     latents = np.concatenate([HELD_LATENTS, wanted])
-    report = warm_start(model, env, latents, np.array([*HELD_NAMES, "wave", "wave"]), seed=0)
+    report = warm_start(model, env, latents, np.array([*HELD_NAMES, "wave", "wave"]), 0.5, seed=0)
     assert report["start"] == "played"
     assert report["played"]["clip"] == "wave"
-    assert policy_reward(env, model, np.random.default_rng(1)) > 0.95
+    assert policy_reward(env, model, 0.5, np.random.default_rng(1)) > 0.95
     # Adam has not moved yet: PPO starts fresh
     assert not model.policy.optimizer.state_dict()["state"]
 

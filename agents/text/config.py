@@ -48,6 +48,9 @@ class TrainConfig:
     reward: str = "clip"
     """Name of the reward."""
 
+    alive_bonus: float = 0.5
+    """Added to the reward of each decision that does not end in a fall; see agents/text/bonus.py."""
+
     encoder: str = "bundled"
     """Name of the encoder that compares text and motion."""
 
@@ -72,7 +75,7 @@ class TrainConfig:
     batch_size: int = 512
     """Decisions in a minibatch."""
 
-    epochs: int = 4
+    epochs: int = 8
     """Passes over the collected decisions in an update."""
 
     discount: float = 0.95
@@ -107,6 +110,8 @@ class TrainConfig:
         for name in ("discount", "gae_lambda"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)}.")
+        if not 0 <= self.alive_bonus < np.inf:
+            raise ValueError(f"alive_bonus must be a number from 0 on, got {self.alive_bonus}.")
         if self.seed < 0:
             raise ValueError(f"seed must be 0 or more, got {self.seed}.")
         if self.batch_size > self.num_envs * self.decisions_per_update:

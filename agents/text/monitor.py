@@ -160,7 +160,8 @@ class TrainingMonitor(BaseCallback):
         self._count += len(infos)
         self._new_decisions += len(infos)
         sums = {
-            "reward": float(np.sum(self.locals["rewards"])),
+            # the environment's own reward, without the bonus
+            "reward": sum(value for info in infos for name, value in info.items() if name.startswith("reward_")),
             "similarity": float(np.sum([info.get("similarity", 0.0) for info in infos])),
             "lying": float(np.sum([info["head_height"] < FALL_HEAD_HEIGHT for info in infos])),
         }

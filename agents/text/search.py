@@ -104,14 +104,43 @@ def library_candidates(latents: FloatArray, names: Sequence[str] | NDArray[np.st
     return held + [candidate for candidate in played if not candidate.held]
 
 
-def try_candidates(env: VectorEnv, candidates: Sequence[Candidate], rng: np.random.Generator) -> None:
-    """Plays each candidate once from a standing start and adds what it earned to its rewards.
+class Earnings:
+    """What humanoids earn on average in a trial, counted after the settling time.
 
-    Rewards count after the settling time; decisions after a termination count 0.
+    A decision after a termination counts minus the alive bonus: as bad as going without the bonus while others get it.
+
+    Args:
+        count: Number of humanoids n.
+        alive_bonus: Bonus for a decision without a fall.
+    """
+
+    def __init__(self, count: int, alive_bonus: float) -> None:
+        self.alive = np.ones(count, bool)
+        self._alive_bonus = alive_bonus
+        self._sums = np.zeros(count)
+        self._decisions = 0
+
+    def add(self, reward: NDArray[np.floating], terminated: NDArray[np.bool_]) -> None:
+        """Counts one decision: rewards and terminations `(n,)`."""
+        if self._decisions >= SETTLE_DECISIONS:
+            self._sums += np.where(self.alive, reward, -self._alive_bonus)
+        self._decisions += 1
+        self.alive &= ~terminated
+
+    def means(self) -> NDArray[np.float64]:
+        """Mean per decision, `(n,)`."""
+        return self._sums / max(self._decisions - SETTLE_DECISIONS, 1)
+
+
+def try_candidates(
+    env: VectorEnv, candidates: Sequence[Candidate], alive_bonus: float, rng: np.random.Generator
+) -> None:
+    """Plays each candidate once from a standing start and adds what it earned to its rewards.
 
     Args:
         env: A latent environment of n humanoids.
         candidates: Any number; they are played n at a time.
+        alive_bonus: See :class:`Earnings`.
         rng: Draws the seeds of the start states.
     """
     for start in range(0, len(candidates), env.num_envs):
@@ -119,15 +148,12 @@ def try_candidates(env: VectorEnv, candidates: Sequence[Candidate], rng: np.rand
         # the humanoids that are left over repeat the first ones
         plans = np.stack([chosen[i % len(chosen)].unrolled(TRIAL_DECISIONS) for i in range(env.num_envs)])
         env.reset(seed=int(rng.integers(2**31)))
-        alive = np.ones(env.num_envs, bool)
-        total = np.zeros(env.num_envs)
+        earnings = Earnings(env.num_envs, alive_bonus)
         for decision in range(TRIAL_DECISIONS):
             _, reward, terminated, _, _ = env.step(plans[:, decision])
-            if decision >= SETTLE_DECISIONS:
-                total += np.where(alive, reward, 0.0)
-            alive &= ~terminated
-        for candidate, earned in zip(chosen, total, strict=False):
-            candidate.rewards.append(float(earned) / (TRIAL_DECISIONS - SETTLE_DECISIONS))
+            earnings.add(reward, terminated)
+        for candidate, earned in zip(chosen, earnings.means(), strict=False):
+            candidate.rewards.append(float(earned))
 
 
 def vary(elite: Sequence[Candidate], rng: np.random.Generator) -> Candidate:
@@ -152,6 +178,7 @@ def search(
     env: VectorEnv,
     latents: FloatArray,
     names: Sequence[str] | NDArray[np.str_],
+    alive_bonus: float,
     rng: np.random.Generator,
     rounds: int = 4,
 ) -> SearchResult:
@@ -161,6 +188,7 @@ def search(
         env: A latent environment of n humanoids with the reward to be maximised.
         latents: The library's unit latents, `(k, 64)`; see :func:`library_candidates`.
         names: The clip of each latent, `(k,)`.
+        alive_bonus: What a fall loses at every decision; see :class:`Earnings`.
         rng: Draws variations and start states.
         rounds: Rounds of variation after the library was tried; each takes n x 5 s of simulated time.
 
@@ -171,8 +199,8 @@ def search(
         ValueError: If there are no latents.
     """
     library = library_candidates(latents, names)
-    try_candidates(env, library, rng)
-    try_candidates(env, best(library, env.num_envs), rng)  # a second trial, so that luck does not win
+    try_candidates(env, library, alive_bonus, rng)
+    try_candidates(env, best(library, env.num_envs), alive_bonus, rng)  # a second trial, so that luck does not win
     library_rewards: dict[str, float] = {}
     for candidate in best(library, len(library)):
         library_rewards.setdefault(candidate.name, candidate.reward)
@@ -181,9 +209,9 @@ def search(
     for _ in range(rounds):
         elite = best(population, ELITE, trials=2)
         children = [vary(elite, rng) for _ in range(max(env.num_envs - ELITE, ELITE))]
-        try_candidates(env, elite + children, rng)
+        try_candidates(env, elite + children, alive_bonus, rng)
         population += children
-        try_candidates(env, best(children, ELITE), rng)
+        try_candidates(env, best(children, ELITE), alive_bonus, rng)
         curve.append(best(population, 1, trials=2)[0].reward)
     ranking = best(population, len(population), trials=2)
     played = [candidate for candidate in ranking if not candidate.held]

@@ -84,8 +84,10 @@ def environment_options(config: TrainConfig) -> dict[str, Any]:
 def make_environment(config: TrainConfig, num_envs: int) -> VecEnv:
     """The environment of a run as Stable-Baselines3 wants it."""
     from agents.sb3 import make_sb3_env
+    from agents.text.bonus import AliveBonus
 
-    return make_sb3_env(ENVIRONMENT, num_envs, monitor=False, text=config.text, **environment_options(config))
+    env = make_sb3_env(ENVIRONMENT, num_envs, monitor=False, text=config.text, **environment_options(config))
+    return AliveBonus(env, config.alive_bonus)
 
 
 def make_model(config: TrainConfig, env: VecEnv) -> PPO:
@@ -119,7 +121,7 @@ def search_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
 
     env = gym.make_vec(ENVIRONMENT, num_envs=config.num_envs, text=config.text, **environment_options(config))
     controller = env.unwrapped.decoder.controller  # type: ignore[attr-defined]
-    report = warm_start(model, env, controller.latents, controller.clip_names, config.seed)
+    report = warm_start(model, env, controller.latents, controller.clip_names, config.alive_bonus, config.seed)
     env.close()
     return report
 
@@ -129,10 +131,9 @@ def _run(config: TrainConfig, folder: RunFolder, started: float) -> dict[str, An
     from stable_baselines3.common.logger import configure
     from stable_baselines3.common.utils import set_random_seed
 
-    from agents.doctor import cpu_count
     from agents.text.monitor import ProgressDisplay, TrainingMonitor, load_checkpoint
 
-    torch.set_num_threads(cpu_count())
+    torch.set_num_threads(1)  # small networks: more threads cost more than they bring
     env = make_environment(config, config.num_envs)
     folder.write_json(folder.config, config.to_json())
     budget = 60.0 * config.minutes

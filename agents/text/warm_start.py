@@ -10,7 +10,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 
-from agents.text.search import SETTLE_DECISIONS, TRIAL_DECISIONS, Candidate, search, summary
+from agents.text.search import TRIAL_DECISIONS, Candidate, Earnings, search, summary
 
 FloatArray = NDArray[np.float32]
 
@@ -84,21 +84,20 @@ def imitate(model: PPO, observations: FloatArray, latents: FloatArray, rng: np.r
     return float(np.mean(errors[-IMITATION_STEPS // 10 :]))
 
 
-def policy_reward(env: VectorEnv, model: PPO, rng: np.random.Generator) -> float:
+def policy_reward(env: VectorEnv, model: PPO, alive_bonus: float, rng: np.random.Generator) -> float:
     """Mean reward per decision of the deterministic policy, counted as the search counts it."""
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
-    alive = np.ones(env.num_envs, bool)
-    total = np.zeros(env.num_envs)
-    for decision in range(TRIAL_DECISIONS):
+    earnings = Earnings(env.num_envs, alive_bonus)
+    for _ in range(TRIAL_DECISIONS):
         action, _ = model.predict(observation, deterministic=True)
         observation, reward, terminated, _, _ = env.step(action)
-        if decision >= SETTLE_DECISIONS:
-            total += np.where(alive, reward, 0.0)
-        alive &= ~terminated
-    return float(total.mean() / (TRIAL_DECISIONS - SETTLE_DECISIONS))
+        earnings.add(reward, terminated)
+    return float(earnings.means().mean())
 
 
-def warm_start(model: PPO, env: VectorEnv, latents: FloatArray, names: NDArray[np.str_], seed: int) -> dict[str, Any]:
+def warm_start(
+    model: PPO, env: VectorEnv, latents: FloatArray, names: NDArray[np.str_], alive_bonus: float, seed: int
+) -> dict[str, Any]:
     """Lets a policy start from what the search finds.
 
     A played clip that earns more than the best held latent is imitated; if the imitation earns less after all, the
@@ -109,13 +108,14 @@ def warm_start(model: PPO, env: VectorEnv, latents: FloatArray, names: NDArray[n
         env: A latent environment with the reward of training.
         latents: The library's latents, `(k, 64)`.
         names: The clip of each, `(k,)`.
+        alive_bonus: Bonus of training for a decision without a fall.
         seed: Seed of everything that is drawn.
 
     Returns:
         What the report says about it.
     """
     rng = np.random.default_rng(seed)
-    result = search(env, latents, names, rng)
+    result = search(env, latents, names, alive_bonus, rng)
     report = summary(result)
     start, reward = "held", result.held.reward
     untrained = {name: value.clone() for name, value in model.policy.state_dict().items()}
@@ -123,7 +123,7 @@ def warm_start(model: PPO, env: VectorEnv, latents: FloatArray, names: NDArray[n
         noise = float(model.policy.log_std.detach().exp().mean())
         observations, wanted = record(env, result.played, noise, rng)
         error = imitate(model, observations, wanted, rng)
-        imitated = policy_reward(env, model, rng)
+        imitated = policy_reward(env, model, alive_bonus, rng)
         report["imitation"] = {"reward": imitated, "squared_error": error}
         if imitated > result.held.reward:
             start, reward = "played", imitated
@@ -133,5 +133,7 @@ def warm_start(model: PPO, env: VectorEnv, latents: FloatArray, names: NDArray[n
         hold(model, result.held.latents[0])
     with torch.no_grad():
         # The value of earning this for ever; by gradient descent it would take the first updates to find.
-        dict(model.policy.named_parameters())["value_net.bias"].fill_(reward / max(1.0 - model.gamma, 1e-3))
+        dict(model.policy.named_parameters())["value_net.bias"].fill_(
+            (reward + alive_bonus) / max(1.0 - model.gamma, 1e-3)
+        )
     return report | {"start": start, "reward": reward}
