@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from scipy.linalg import solve_banded
 from scipy.interpolate import BPoly, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
@@ -44,6 +45,8 @@ _NATURAL_BEND = 0.006  # metres the pelvis stands lower than on straight legs
 _LEG_RESERVE = 0.998  # share of the leg's length that a standing leg may use
 _SOFTNESS = 0.006  # metres over which the pelvis eases into the limit that a stretched leg sets
 _BALANCE_ITERATIONS = 8
+_CENTRE_HEIGHT = 0.9  # metres of the centre of mass above the floor
+GRAVITY = 9.81
 _WEIGHTS = {"right": 0.0, "both": 0.5, "left": 1.0}
 _UPPER_BODIES = tuple(name for name in BODY_NAMES if not any(part in name for part in ("thigh", "shin", "foot")))
 
@@ -122,7 +125,7 @@ class _KeyReader:
             raise ValueError(f"Clip '{self.clip}': a step has either `to` (place of the sole) or `stance` (of the body).")
         target = list(step.pop("to")) if "to" in step else _stance(side, *step.pop("stance"))
         shift, swing = float(step.pop("shift", 0.5)), float(step.pop("swing", 0.5))
-        lift, after = float(step.pop("lift", 0.08)), step.pop("after", None)
+        lift = float(step.pop("lift", 0.08))
         hold = float(entry.pop("hold", 0))
         if step:
             raise ValueError(f"Clip '{self.clip}': unknown fields of step {sorted(step)}.")
@@ -131,7 +134,7 @@ class _KeyReader:
         middle = [0.5 * (a + b) for a, b in zip(start, target, strict=True)]
         self._append({**entry, "weight": other}, shift, 0)
         self._append({**entry, "weight": other, f"{side}_foot": {"at": middle, "lift": lift}}, swing / 2, 0)
-        self._append({**entry, "weight": after or other, f"{side}_foot": {"at": target}}, swing / 2, hold)
+        self._append({**entry, "weight": other, f"{side}_foot": {"at": target}}, swing / 2, hold)
 
     def _upper(self, entry: dict[str, Any]) -> np.ndarray:
         degrees = {name: 0.0 for name in UPPER_JOINTS}
@@ -212,11 +215,33 @@ def interpolate(keys: Sequence[Key], fps: float = FRAME_RATE) -> np.ndarray:
     return BPoly.from_derivatives(times, values)(np.minimum(frames, times[-1]))
 
 
-def pose_body(channels: np.ndarray) -> np.ndarray:
-    """Poses that follow the channels with the feet in place and the centre of mass over the support.
+def balanced_path(pressure: np.ndarray, lengths: Sequence[int], fps: float = FRAME_RATE) -> np.ndarray:
+    """Path of the centre of mass whose weight really rests where it is wanted, also while it accelerates.
+
+    A body whose centre of mass c accelerates presses the floor not below c but at ``c - (h / g) c''`` (the zero-moment
+    point of Vukobratovic's linear inverted pendulum). This solves for c: it sways ahead of each step, as a walker does.
 
     Args:
-        channels: Rows of :func:`interpolate`, ``(T, channels)``.
+        pressure: Where the weight should rest in each frame, ``(T, 2)`` metres, several clips in a row.
+        lengths: Frames of each clip; at its ends a clip is at rest.
+        fps: Frames per second.
+
+    Returns:
+        Path of the centre of mass on the floor plane, ``(T, 2)`` metres.
+    """
+    coupling = np.full(len(pressure), _CENTRE_HEIGHT / GRAVITY * fps**2)
+    coupling[np.cumsum(lengths) - 1] = 0  # neighbouring clips know nothing of each other
+    before = np.concatenate([[0.0], coupling[:-1]])
+    bands = np.stack([-before, 1 + before + coupling, -coupling])
+    return solve_banded((1, 1), bands, pressure)
+
+
+def pose_body(channels: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
+    """Poses that follow the channels with the feet in place and the weight on the support.
+
+    Args:
+        channels: Rows of :func:`interpolate` of several clips, ``(T, channels)``.
+        lengths: Frames of each clip.
 
     Returns:
         Poses, ``(T, 35)``.
@@ -233,6 +258,7 @@ def pose_body(channels: np.ndarray) -> np.ndarray:
     target = (1 - weight[:, None]) * right[:, :2] + weight[:, None] * left[:, :2]
     cosine, sine = np.cos(heading), np.sin(heading)
     target = target + np.stack([cosine * lean_x - sine * lean_y, sine * lean_x + cosine * lean_y], 1)
+    target = balanced_path(target, lengths)
 
     qpos = np.tile(rest_qpos(), (len(channels), 1))
     qpos[:, 3:7] = rotation.as_quat(scalar_first=True)
@@ -343,7 +369,8 @@ def read_authored(path: str | Path = AUTHORED_YAML) -> list[MotionClip]:
             raise ValueError(f"Clip '{name}' needs at least two key poses, found {len(reader.keys)}.")
         channels.append(interpolate(reader.keys))
     # One call for all clips: the solver works on arrays of frames.
-    solved = np.split(pose_body(np.concatenate(channels)), np.cumsum([len(rows) for rows in channels])[:-1])
+    lengths = [len(rows) for rows in channels]
+    solved = np.split(pose_body(np.concatenate(channels), lengths), np.cumsum(lengths)[:-1])
     clips = []
     for (name, entry), qpos in zip(entries.items(), solved, strict=True):
         clip = MotionClip(
