@@ -39,7 +39,9 @@ class HumanoidLatentVectorEnv(HumanoidVectorEnv):
         num_threads: int = 0,
         **kwargs: Any,
     ) -> None:
-        super().__init__(num_envs, decoder=LatentActions(controller, num_threads), num_threads=num_threads, **kwargs)
+        # One humanoid needs one thread: single environments are run in many processes at once.
+        decoder = LatentActions(controller, num_threads if num_envs > 1 else 1)
+        super().__init__(num_envs, decoder=decoder, num_threads=num_threads, **kwargs)
 
     @property
     def latents(self) -> dict[str, FloatArray]:
