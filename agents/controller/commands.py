@@ -26,14 +26,15 @@ def read_clips(folder: Path) -> list[MotionClip]:
     return [MotionClip.load(path) for path in paths]
 
 
-def training_clips(folder: Path | None = None, acrobatics: bool = False) -> list[MotionClip]:
-    """The clips that a controller is trained on.
+def controller_clips(folder: Path | None, acrobatics: bool, mirrored: bool) -> list[MotionClip]:
+    """The clips that a controller is trained on or measured with.
 
     Args:
         folder: A folder of clips; the project's library if None.
         acrobatics: Whether to include backflip, cartwheel, roll, spin and spinkick.
+        mirrored: Whether to add mirror images. Training needs none: distillation mirrors half of its samples.
     """
-    clips: Sequence[MotionClip] = read_clips(folder) if folder else MotionLibrary.default().clips
+    clips: Sequence[MotionClip] = read_clips(folder) if folder else MotionLibrary.default(mirrored=mirrored).clips
     return [clip for clip in clips if acrobatics or clip.name.removesuffix("_mirrored") not in ACROBATIC]
 
 
@@ -69,7 +70,7 @@ def train(config: ControllerTraining) -> None:
     from agents.controller.teacher import TeacherConfig, TeacherTrainer
 
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    motions = ReferenceMotions(training_clips(config.clips, config.acrobatics))
+    motions = ReferenceMotions(controller_clips(config.clips, config.acrobatics, mirrored=False))
     print(f"{len(motions.names)} clips, {len(motions) / 30:.0f} s of motion; checkpoints in {config.output}")
     common = {"seed": config.seed, "threads": config.threads}
     teacher = TeacherTrainer(motions, config.output, TeacherConfig(minutes=config.teacher_minutes, **common)).train()
@@ -101,7 +102,7 @@ def evaluate(config: ControllerEvaluation) -> None:
     """Prints survival and body error per clip, and falls under frozen and random latents."""
     controller = LowLevelController.load(config.weights / "llc.onnx")
     encoder = MotionEncoder.load(config.weights / "motion_encoder.onnx")
-    motions = ReferenceMotions(training_clips(config.clips, acrobatics=True))
+    motions = ReferenceMotions(controller_clips(config.clips, acrobatics=True, mirrored=True))
     result = evaluate_controller(controller, encoder, motions, config.episodes)
     if config.json:
         print(json.dumps(result, indent=1))

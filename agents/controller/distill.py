@@ -42,7 +42,7 @@ class DistillConfig:
     """Controller steps between learning."""
     buffer_rollouts: int = 60
     """How many of the last rollouts are learned from."""
-    gradient_steps: int = 16
+    gradient_steps: int = 10
     """Gradient steps per rollout."""
     batch: int = 4096
     """Samples per gradient step; half of them mirrored."""
