@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from motion_data.library import MotionLibrary
-
 from agents.controller.evaluate import ACROBATIC, evaluate_controller
 from agents.controller.reference import ReferenceMotions
 from anyskill_envs.controller import WEIGHTS, LowLevelController, MotionEncoder
 from motion_data.clip import MotionClip
+from motion_data.library import MotionLibrary
 
 
 def read_clips(folder: Path) -> list[MotionClip]:
@@ -72,12 +71,13 @@ def train(config: ControllerTraining) -> None:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     motions = ReferenceMotions(controller_clips(config.clips, config.acrobatics, mirrored=False))
     print(f"{len(motions.names)} clips, {len(motions) / 30:.0f} s of motion; checkpoints in {config.output}")
-    common = {"seed": config.seed, "threads": config.threads}
-    teacher = TeacherTrainer(motions, config.output, TeacherConfig(minutes=config.teacher_minutes, **common)).train()
-    distillation = DistillConfig(minutes=config.distill_minutes, **common)
+    seed, threads = config.seed, config.threads
+    tracking = TeacherConfig(minutes=config.teacher_minutes, seed=seed, threads=threads)
+    teacher = TeacherTrainer(motions, config.output, tracking).train()
+    distillation = DistillConfig(minutes=config.distill_minutes, seed=seed, threads=threads)
     student = DistillTrainer(teacher, motions, config.output, distillation).train()
     if config.finetune_minutes:
-        finetuning = FinetuneConfig(minutes=config.finetune_minutes, **common)
+        finetuning = FinetuneConfig(minutes=config.finetune_minutes, seed=seed, threads=threads)
         student = FinetuneTrainer(student, motions, config.output, finetuning).train()
     source = f"{len(motions.names)} clips: {', '.join(motions.names)}"
     controller, encoder = export_student(student, motions, config.output, config.version, source)

@@ -130,7 +130,7 @@ class DistillTrainer:
         """Trains until the time is used up; saves every minute."""
         budget, saved, update = 60 * self.config.minutes, time.monotonic(), 0
         with Progress() as progress:
-            bar = progress.add_task("distillation", total=budget, completed=self.seconds)
+            bar = progress.add_task("distillation", total=budget, completed=int(self.seconds))
             while self.seconds < budget:
                 start = time.monotonic()
                 rate = self.config.learning_rate * max(0.1, 1 - self.seconds / budget)
@@ -190,7 +190,8 @@ class DistillTrainer:
         return latent / latent.norm(dim=-1, keepdim=True)
 
     def _learn(self) -> float:
-        config, losses = self.config, []
+        config = self.config
+        losses: list[float] = []
         for _ in range(config.gradient_steps):
             # A quarter of each batch comes from the newest rollout, the rest from three random ones.
             chosen = [len(self._targets) - 1, *torch.randint(len(self._targets), (3,)).tolist()]
@@ -203,9 +204,8 @@ class DistillTrainer:
             observation = torch.where(mirror[:, None], _mirror_observation(observation), observation)
             target = torch.where(mirror[:, None], _mirror_targets(target), target)
             inputs = torch.where(mirror[:, None], _mirror_windows(inputs), inputs)
-            later = torch.from_numpy(
-                self.motions.ahead(window.numpy(), np.random.default_rng(len(losses)).integers(1, 16))
-            )
+            shift = int(torch.randint(1, 16, ()))  # up to 0.5 s
+            later = torch.from_numpy(self.motions.ahead(window.numpy(), shift))
             with fast_arithmetic():
                 latent = self._encode(inputs)
                 action = self.student.policy(observation, latent)

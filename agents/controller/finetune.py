@@ -115,7 +115,7 @@ class FinetuneTrainer:
         """Trains until the time is used up; saves every minute."""
         budget, saved, update = 60 * self.config.minutes, time.monotonic(), 0
         with Progress() as progress:
-            bar = progress.add_task("fine-tuning", total=budget, completed=self.seconds)
+            bar = progress.add_task("fine-tuning", total=budget, completed=int(self.seconds))
             while self.seconds < budget:
                 start = time.monotonic()
                 reward, failures, divergence = self._update()

@@ -17,6 +17,8 @@ ENCODER_INPUT = len(WINDOW_OFFSETS) * WINDOW_FEATURES
 class MotionEncoderNetwork(nn.Module):
     """``E(window) -> z``: windows ``(n, 60, 39)`` to unit vectors ``(n, 64)``."""
 
+    offsets: torch.Tensor
+
     def __init__(self) -> None:
         super().__init__()
         self.register_buffer("offsets", torch.tensor(WINDOW_OFFSETS), persistent=False)

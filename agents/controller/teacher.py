@@ -122,7 +122,7 @@ class TeacherTrainer:
         budget = 60 * self.config.minutes
         saved = time.monotonic()
         with Progress() as progress:
-            bar = progress.add_task("tracking", total=budget, completed=self.seconds)
+            bar = progress.add_task("tracking", total=budget, completed=int(self.seconds))
             update = 0
             while self.seconds < budget:
                 start = time.monotonic()
