@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from agents.controller.card import model_card
 from agents.controller.evaluate import ACROBATIC, evaluate_controller
 from agents.controller.reference import ReferenceMotions
 from anyskill_envs.controller import WEIGHTS, LowLevelController, MotionEncoder
@@ -96,6 +97,10 @@ class ControllerEvaluation:
     """Episodes per clip."""
     json: bool = False
     """Print everything as JSON instead of a table."""
+    card: Path | None = None
+    """Write a model card (Markdown) with the figures to this file."""
+    compute: str = "not recorded"
+    """One line for the model card on what the training cost."""
 
 
 def evaluate(config: ControllerEvaluation) -> None:
@@ -104,6 +109,10 @@ def evaluate(config: ControllerEvaluation) -> None:
     encoder = MotionEncoder.load(config.weights / "motion_encoder.onnx")
     motions = ReferenceMotions(controller_clips(config.clips, acrobatics=True, mirrored=True))
     result = evaluate_controller(controller, encoder, motions, config.episodes)
+    if config.card:
+        config.card.write_text(
+            model_card(result, controller.metadata, config.episodes, config.compute), encoding="utf-8"
+        )
     if config.json:
         print(json.dumps(result, indent=1))
         return
