@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 import yaml
-from scipy.linalg import solve_banded
 from scipy.interpolate import BPoly, PchipInterpolator
+from scipy.linalg import solve_banded
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation
 
 from motion_data.clip import MotionClip
@@ -43,7 +44,7 @@ BODY_FIELDS = ("lower", "pitch", "roll", "turn", "lean_x", "lean_y", "weight")
 _FOOT_DEFAULT = {"right": (0.03, -0.1, -6.0), "left": (0.03, 0.1, 6.0)}
 _NATURAL_BEND = 0.006  # metres the pelvis stands lower than on straight legs
 _LEG_RESERVE = 0.998  # share of the leg's length that a standing leg may use
-_SOFTNESS = 0.006  # metres over which the pelvis eases into the limit that a stretched leg sets
+_EASE_FRAMES = 8  # frames in which the pelvis eases into the limit that a stretched leg sets
 _BALANCE_ITERATIONS = 8
 _CENTRE_HEIGHT = 0.9  # metres of the centre of mass above the floor
 GRAVITY = 9.81
@@ -125,7 +126,7 @@ class _KeyReader:
             raise ValueError(f"Clip '{self.clip}': a step has either `to` (place of the sole) or `stance` (of the body).")
         target = list(step.pop("to")) if "to" in step else _stance(side, *step.pop("stance"))
         shift, swing = float(step.pop("shift", 0.5)), float(step.pop("swing", 0.5))
-        lift = float(step.pop("lift", 0.08))
+        lift, pitch = float(step.pop("lift", 0.08)), float(step.pop("pitch", 0.0))
         hold = float(entry.pop("hold", 0))
         if step:
             raise ValueError(f"Clip '{self.clip}': unknown fields of step {sorted(step)}.")
@@ -133,8 +134,8 @@ class _KeyReader:
         start = self.footprints[side]
         middle = [0.5 * (a + b) for a, b in zip(start, target, strict=True)]
         self._append({**entry, "weight": other}, shift, 0)
-        self._append({**entry, "weight": other, f"{side}_foot": {"at": middle, "lift": lift}}, swing / 2, 0)
-        self._append({**entry, "weight": other, f"{side}_foot": {"at": target}}, swing / 2, hold)
+        self._append({**entry, "weight": other, f"{side}_foot": {"at": middle, "lift": lift, "pitch": 12}}, swing / 2, 0)
+        self._append({**entry, "weight": other, f"{side}_foot": {"at": target, "pitch": pitch}}, swing / 2, hold)
 
     def _upper(self, entry: dict[str, Any]) -> np.ndarray:
         degrees = {name: 0.0 for name in UPPER_JOINTS}
@@ -269,13 +270,13 @@ def pose_body(channels: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
     pelvis = np.concatenate([target - upper_centre[:, :2], standing[:, None]], 1)
     legs: dict[str, LegSolution] = {}
     for _ in range(_BALANCE_ITERATIONS):
-        pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing)
+        pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing, lengths)
         legs = {
             side: solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward)
             for side, foot in feet.items()
         }
         pelvis[:, :2] += target - _whole_centre(pelvis + upper_centre, legs, feet)
-    pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing)
+    pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing, lengths)
     qpos[:, :3] = pelvis
     for side, foot in feet.items():
         solution = solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward)
@@ -311,19 +312,26 @@ class _Foot:
 
 
 def _reachable_height(
-    pelvis: np.ndarray, matrix: np.ndarray, feet: Mapping[str, _Foot], wanted: np.ndarray
+    pelvis: np.ndarray,
+    matrix: np.ndarray,
+    feet: Mapping[str, _Foot],
+    wanted: np.ndarray,
+    lengths: Sequence[int],
 ) -> np.ndarray:
-    """The wanted height of the pelvis, eased down to what the standing legs can reach, ``(T,)``."""
-    heights = [wanted]
+    """The wanted height of the pelvis, lowered smoothly to what the standing legs can reach, ``(T,)``."""
+    missing = np.zeros_like(wanted)
     for side, foot in feet.items():
         offset = matrix @ load_model().body(f"{side}_thigh").pos
         apart = ((foot.ankle - pelvis - offset)[:, :2] ** 2).sum(1)
         reach = np.sqrt(np.maximum((_LEG_RESERVE * LEG) ** 2 - apart, 0.01))
         # A lifted foot need not reach its place, so it frees the pelvis with the first centimetres.
-        heights.append(foot.ankle[:, 2] + reach - offset[:, 2] + 5 * foot.lift)
-    stacked = np.stack(heights)
-    least = stacked.min(0)
-    return least - _SOFTNESS * np.log(np.exp((least - stacked) / _SOFTNESS).sum(0))
+        highest = foot.ankle[:, 2] + reach - offset[:, 2] + 5 * foot.lift
+        missing = np.maximum(missing, wanted - highest)
+    # The largest lack within a window, averaged over no more than that window, is never less than the lack itself.
+    for clip in np.split(missing, np.cumsum(lengths)[:-1]):
+        widest = maximum_filter1d(clip, 2 * _EASE_FRAMES + 1, mode="nearest")
+        clip[:] = gaussian_filter1d(widest, _EASE_FRAMES / 2.5, mode="nearest", radius=_EASE_FRAMES)
+    return wanted - missing
 
 
 def _whole_centre(upper: np.ndarray, legs: Mapping[str, LegSolution], feet: Mapping[str, _Foot]) -> np.ndarray:
