@@ -43,7 +43,9 @@ FOOT_FIELDS = ("x", "y", "turn", "lift", "pitch", "roll")
 BODY_FIELDS = ("lower", "pitch", "roll", "turn", "lean_x", "lean_y", "weight")
 _FOOT_DEFAULT = {"right": (0.03, -0.1, -6.0), "left": (0.03, 0.1, 6.0)}
 _NATURAL_BEND = 0.006  # metres the pelvis stands lower than on straight legs
-_LEG_RESERVE = 0.998  # share of the leg's length that a standing leg may use
+_LEG_SOFTNESS = 0.03  # metres over which a leg in the air eases into its full length
+_SOFT_LIFT = 0.03  # metres of lift from which it does so in full
+_LEG_RESERVE = 0.9925  # share of the leg's length that a standing leg may use
 _EASE_FRAMES = 8  # frames in which the pelvis eases into the limit that a stretched leg sets
 _BALANCE_ITERATIONS = 8
 _CENTRE_HEIGHT = 0.9  # metres of the centre of mass above the floor
@@ -123,7 +125,9 @@ class _KeyReader:
         step = dict(entry.pop("step"))
         side = step.pop("foot")
         if ("to" in step) == ("stance" in step):
-            raise ValueError(f"Clip '{self.clip}': a step has either `to` (place of the sole) or `stance` (of the body).")
+            raise ValueError(
+                f"Clip '{self.clip}': a step has either `to` (place of the sole) or `stance` (of the body)."
+            )
         target = list(step.pop("to")) if "to" in step else _stance(side, *step.pop("stance"))
         shift, swing = float(step.pop("shift", 0.5)), float(step.pop("swing", 0.5))
         lift, pitch = float(step.pop("lift", 0.08)), float(step.pop("pitch", 0.0))
@@ -134,11 +138,13 @@ class _KeyReader:
         start = self.footprints[side]
         middle = [0.5 * (a + b) for a, b in zip(start, target, strict=True)]
         self._append({**entry, "weight": other}, shift, 0)
-        self._append({**entry, "weight": other, f"{side}_foot": {"at": middle, "lift": lift, "pitch": 12}}, swing / 2, 0)
+        self._append(
+            {**entry, "weight": other, f"{side}_foot": {"at": middle, "lift": lift, "pitch": 12}}, swing / 2, 0
+        )
         self._append({**entry, "weight": other, f"{side}_foot": {"at": target, "pitch": pitch}}, swing / 2, hold)
 
     def _upper(self, entry: dict[str, Any]) -> np.ndarray:
-        degrees = {name: 0.0 for name in UPPER_JOINTS}
+        degrees = dict.fromkeys(UPPER_JOINTS, 0.0)
         degrees |= {"right_shoulder_x": -8.0, "left_shoulder_x": 8.0, "right_elbow": -15.0, "left_elbow": -15.0}
         for name in UPPER_JOINTS:
             joint = name.removeprefix("right_")
@@ -176,12 +182,13 @@ class _KeyReader:
         feet = {}
         for side in SIDES:
             foot = dict(entry.pop(f"{side}_foot", {}))
-            place = tuple(float(number) for number in foot.pop("at", self.footprints[side]))
-            if len(place) == 2:
-                place = (*place, self.footprints[side][2])
+            x, y, *turn = (float(number) for number in foot.pop("at", self.footprints[side]))
+            place = (x, y, turn[0] if turn else self.footprints[side][2])
             lift, pitch, roll = (float(foot.pop(name, 0.0)) for name in ("lift", "pitch", "roll"))
             if foot:
-                raise ValueError(f"Clip '{self.clip}': unknown fields of a foot {sorted(foot)}; known: at, {FOOT_FIELDS[3:]}.")
+                raise ValueError(
+                    f"Clip '{self.clip}': unknown fields of a foot {sorted(foot)}; known: at, {FOOT_FIELDS[3:]}."
+                )
             if not lift:
                 self.footprints[side] = place  # a foot put down stays there until it is moved
             feet[side] = np.array([place[0], place[1], *np.radians(place[2:]), lift, *np.radians([pitch, roll])])
@@ -216,33 +223,37 @@ def interpolate(keys: Sequence[Key], fps: float = FRAME_RATE) -> np.ndarray:
     return BPoly.from_derivatives(times, values)(np.minimum(frames, times[-1]))
 
 
-def balanced_path(pressure: np.ndarray, lengths: Sequence[int], fps: float = FRAME_RATE) -> np.ndarray:
+def balanced_path(pressure: np.ndarray, loop: bool = False, fps: float = FRAME_RATE) -> np.ndarray:
     """Path of the centre of mass whose weight really rests where it is wanted, also while it accelerates.
 
     A body whose centre of mass c accelerates presses the floor not below c but at ``c - (h / g) c''`` (the zero-moment
     point of Vukobratovic's linear inverted pendulum). This solves for c: it sways ahead of each step, as a walker does.
 
     Args:
-        pressure: Where the weight should rest in each frame, ``(T, 2)`` metres, several clips in a row.
-        lengths: Frames of each clip; at its ends a clip is at rest.
+        pressure: Where the weight should rest in each frame, ``(T, 2)`` metres.
+        loop: Whether the motion goes on from its last frame with its first; otherwise it is at rest at both ends.
         fps: Frames per second.
 
     Returns:
         Path of the centre of mass on the floor plane, ``(T, 2)`` metres.
     """
+    if loop:  # the middle one of three rounds
+        rounds = balanced_path(np.concatenate([pressure[:-1], pressure[:-1], pressure]), fps=fps)
+        return rounds[len(pressure) - 1 : 2 * len(pressure) - 1]
     coupling = np.full(len(pressure), _CENTRE_HEIGHT / GRAVITY * fps**2)
-    coupling[np.cumsum(lengths) - 1] = 0  # neighbouring clips know nothing of each other
+    coupling[-1] = 0
     before = np.concatenate([[0.0], coupling[:-1]])
     bands = np.stack([-before, 1 + before + coupling, -coupling])
     return solve_banded((1, 1), bands, pressure)
 
 
-def pose_body(channels: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
+def pose_body(channels: np.ndarray, lengths: Sequence[int], loops: Sequence[bool]) -> np.ndarray:
     """Poses that follow the channels with the feet in place and the weight on the support.
 
     Args:
         channels: Rows of :func:`interpolate` of several clips, ``(T, channels)``.
         lengths: Frames of each clip.
+        loops: Whether each clip is a loop.
 
     Returns:
         Poses, ``(T, 35)``.
@@ -259,7 +270,8 @@ def pose_body(channels: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
     target = (1 - weight[:, None]) * right[:, :2] + weight[:, None] * left[:, :2]
     cosine, sine = np.cos(heading), np.sin(heading)
     target = target + np.stack([cosine * lean_x - sine * lean_y, sine * lean_x + cosine * lean_y], 1)
-    target = balanced_path(target, lengths)
+    parts = np.split(target, np.cumsum(lengths)[:-1])
+    target = np.concatenate([balanced_path(part, loop) for part, loop in zip(parts, loops, strict=True)])
 
     qpos = np.tile(rest_qpos(), (len(channels), 1))
     qpos[:, 3:7] = rotation.as_quat(scalar_first=True)
@@ -272,14 +284,14 @@ def pose_body(channels: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
     for _ in range(_BALANCE_ITERATIONS):
         pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing, lengths)
         legs = {
-            side: solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward)
+            side: solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward, foot.softness)
             for side, foot in feet.items()
         }
         pelvis[:, :2] += target - _whole_centre(pelvis + upper_centre, legs, feet)
     pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing, lengths)
     qpos[:, :3] = pelvis
     for side, foot in feet.items():
-        solution = solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward)
+        solution = solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward, foot.softness)
         qpos[:, [7 + column for column in LEG_COLUMNS[side]]] = solution.angles
     return qpos
 
@@ -293,6 +305,12 @@ class _Foot:
     rotation: np.ndarray
     leftward: np.ndarray
     lift: np.ndarray
+
+    @property
+    def softness(self) -> np.ndarray:
+        """Metres over which the leg eases into its full length, ``(T,)``: none while the foot stands."""
+        raised = np.clip(self.lift / _SOFT_LIFT, 0, 1)
+        return _LEG_SOFTNESS * raised**2 * (3 - 2 * raised)
 
     @classmethod
     def place(cls, side: str, channels: np.ndarray) -> "_Foot":
@@ -378,7 +396,8 @@ def read_authored(path: str | Path = AUTHORED_YAML) -> list[MotionClip]:
         channels.append(interpolate(reader.keys))
     # One call for all clips: the solver works on arrays of frames.
     lengths = [len(rows) for rows in channels]
-    solved = np.split(pose_body(np.concatenate(channels), lengths), np.cumsum(lengths)[:-1])
+    loops = [bool(entry.get("loop", False)) for entry in entries.values()]
+    solved = np.split(pose_body(np.concatenate(channels), lengths, loops), np.cumsum(lengths)[:-1])
     clips = []
     for (name, entry), qpos in zip(entries.items(), solved, strict=True):
         clip = MotionClip(

@@ -69,6 +69,7 @@ def solve_leg(
     ankle: np.ndarray,
     foot_rotation: np.ndarray,
     leftward: np.ndarray,
+    softness: np.ndarray,
 ) -> LegSolution:
     """Hinge angles that put a foot where it should be.
 
@@ -79,14 +80,19 @@ def solve_leg(
         ankle: Where the ankle should be, ``(T, 3)``; pulled towards the hip if out of reach.
         foot_rotation: Orientation of the foot, ``(T, 3, 3)``.
         leftward: Direction of the knee's axis, ``(T, 3)``; the knee bends in the plane across it.
+        softness: Metres before full length over which the leg eases into it, ``(T,)``; 0 for a leg that stands. The
+            knee of a stretched leg would otherwise snap, for the last millimetre of length is many degrees.
 
     Returns:
         The hinge angles and joint positions.
     """
     hip = pelvis + pelvis_rotation @ _offset(f"{side}_thigh")
     reach = ankle - hip
-    distance = np.linalg.norm(reach, axis=1, keepdims=True)
-    ankle = hip + reach * np.minimum(1, LEG / distance)
+    distance = np.linalg.norm(reach, axis=1)
+    margin = np.maximum(softness, 1e-9)
+    beyond = np.maximum(distance - (LEG - margin), 0)
+    eased = np.minimum(distance, LEG - margin) + margin * (1 - np.exp(-beyond / margin))
+    ankle = hip + reach * (eased / distance)[:, None]
     upper, bend = _two_bones(THIGH, SHIN, ankle - hip, leftward)
     shin = upper @ _about_y(bend)
     hip_angles = Rotation.from_matrix(np.swapaxes(pelvis_rotation, 1, 2) @ upper).as_euler("XZY")
