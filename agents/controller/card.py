@@ -26,10 +26,13 @@ end of the clip.
 |---|---|---|---|---|
 {summary}
 
+A standing clip keeps both feet planted.
+
 | falls within 10 s (head below 0.6 m) | |
 |---|---|
 | frozen latent of a standing clip, mean over clips | {frozen_falls_mean:.1%} |
 | frozen latent of a standing clip, worst clip | {frozen_falls_highest:.1%} |
+| frozen latent of an upright clip that lifts or moves a foot, mean over clips | {frozen_falls_stepping:.1%} |
 | random latents of standing clips, renewed at 6 Hz | {random_falls:.1%} |
 | latents uniform on the sphere, renewed at 6 Hz | {uniform_falls:.1%} |
 

@@ -7,6 +7,7 @@ import numpy as np
 from agents.controller.reference import ReferenceMotions
 from agents.controller.tracking import tracking_distance
 from anyskill_envs.simulation import CONTROLLER_STEPS, HumanoidSimulation
+from motion_data.skeleton import body_index, kinematics
 
 FAILURE_DISTANCE = 0.4
 """Mean distance of the bodies from the reference (metres) at which an episode counts as not survived."""
@@ -77,7 +78,12 @@ def evaluate_clips(
 
 
 def standing_clips(motions: ReferenceMotions) -> np.ndarray:
-    """Clips that stay on their feet without travelling, ``(k,)`` indices."""
+    """Clips that stand: upright with both feet planted (neither ankle moves by 6 cm), ``(k,)`` indices."""
+    return np.array([clip for clip in upright_clips(motions) if _ankle_travel(motions, clip) < 0.06], int)
+
+
+def upright_clips(motions: ReferenceMotions) -> np.ndarray:
+    """Clips that stay on their feet, or on one of them, without travelling (0.6 m), ``(k,)`` indices."""
     chosen = []
     for clip, (start, length) in enumerate(zip(motions.starts, motions.lengths, strict=True)):
         frames = slice(start, start + length)
@@ -85,6 +91,12 @@ def standing_clips(motions: ReferenceMotions) -> np.ndarray:
         if motions.upright[frames].all() and travel < 0.6:
             chosen.append(clip)
     return np.array(chosen, int)
+
+
+def _ankle_travel(motions: ReferenceMotions, clip: int) -> float:
+    frames = slice(motions.starts[clip], motions.starts[clip] + motions.lengths[clip])
+    ankles = kinematics(motions.qpos[frames]).positions[:, [body_index("right_foot"), body_index("left_foot")]]
+    return float(np.ptp(ankles, axis=0).max())
 
 
 def upright_frames(motions: ReferenceMotions, clips: np.ndarray) -> np.ndarray:
@@ -98,12 +110,12 @@ def upright_frames(motions: ReferenceMotions, clips: np.ndarray) -> np.ndarray:
 def evaluate_frozen(
     controller: Controller, encoder: Encoder, motions: ReferenceMotions, seconds: float = 10.0, episodes: int = 8
 ) -> dict[str, float]:
-    """Falls under one latent that never changes, for each standing clip; starts in the clip's own state.
+    """Falls under one latent that never changes, for each upright clip; starts in the clip's own state.
 
     Returns:
         Share of episodes with a fall, by clip name.
     """
-    clips = np.repeat(standing_clips(motions), episodes)
+    clips = np.repeat(upright_clips(motions), episodes)
     room = np.maximum(motions.lengths[clips] - 31, 0)
     phase = np.tile(np.linspace(0, 0.9, episodes), len(clips) // episodes)
     frame = motions.starts[clips] + (phase * room).astype(int)
@@ -178,11 +190,13 @@ def evaluate_controller(
     """All measurements of the controller, ready for JSON.
 
     Returns:
-        ``clips`` (see :func:`evaluate_clips`), ``frozen_falls`` by clip, ``random_falls``, ``uniform_falls``, and
-        ``summary`` with mean survival of in-place authored clips, of real clips without flight or acrobatics, and so on.
+        ``clips`` (see :func:`evaluate_clips`); ``frozen_falls`` by upright clip, their mean and highest over the standing
+        ones and their mean over the others; ``random_falls``, ``uniform_falls``; and ``summary``: survival and error of
+        in-place authored clips, of real clips without flight or acrobatics, and so on.
     """
     clips = evaluate_clips(controller, encoder, motions, episodes)
     frozen = evaluate_frozen(controller, encoder, motions, episodes=episodes)
+    standing = {motions.names[clip] for clip in standing_clips(motions)}
     by_name = {clip.name: clip for clip in motions.clips}
 
     def group(name: str) -> str:
@@ -207,8 +221,9 @@ def evaluate_controller(
     }
     return {
         "summary": summary,
-        "frozen_falls_mean": float(np.mean(list(frozen.values()))),
-        "frozen_falls_highest": float(np.max(list(frozen.values()))),
+        "frozen_falls_mean": float(np.mean([frozen[name] for name in standing])),
+        "frozen_falls_highest": float(np.max([frozen[name] for name in standing])),
+        "frozen_falls_stepping": float(np.mean([rate for name, rate in frozen.items() if name not in standing])),
         "random_falls": evaluate_random(controller, encoder, motions),
         "uniform_falls": evaluate_random(controller, encoder, motions, uniform=True),
         "frozen_falls": frozen,
