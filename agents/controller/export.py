@@ -1,5 +1,6 @@
 """Writes a trained student as the ONNX files that environments read."""
 
+import logging
 import os
 import warnings
 from pathlib import Path
@@ -77,6 +78,7 @@ def write_onnx(
 ) -> None:
     """Exports a module with a dynamic first dimension and metadata, whole or not at all."""
     temporary = path.with_suffix(".tmp.onnx")
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it tells everyone who has no torchvision
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
