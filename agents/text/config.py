@@ -49,7 +49,7 @@ class TrainConfig:
     """Name of the reward."""
 
     alive_bonus: float = 0.5
-    """Added to the reward of each decision that does not end in a fall; see agents/text/bonus.py."""
+    """Added to the reward of each decision that does not end in a fall; see agents/text/shaping.py."""
 
     encoder: str = "bundled"
     """Name of the encoder that compares text and motion."""
@@ -66,7 +66,7 @@ class TrainConfig:
     progress: bool = True
     """Show a progress bar."""
 
-    learning_rate: float = 3e-4
+    learning_rate: float = 1e-4
     """Step size of Adam."""
 
     decisions_per_update: int = 16
@@ -88,7 +88,7 @@ class TrainConfig:
     """Standard deviation of each of the 64 action numbers at the start, where the mean action has unit length:
     0.06 turns the latent by about 25 degrees."""
 
-    target_kl: float = 0.05
+    target_kl: float = 0.1
     """An update stops early when the policy has moved further than this."""
 
     hidden: tuple[int, ...] = (256, 128)
@@ -121,6 +121,11 @@ class TrainConfig:
             )
         if self.resume and self.overwrite:
             raise ValueError("resume and overwrite exclude each other; choose one.")
+
+    @property
+    def reward_scale(self) -> float:
+        """Factor of the shaped reward, one minus the discount: a value is then a mean of rewards."""
+        return max(1.0 - self.discount, 1e-3)
 
     def to_json(self) -> dict[str, Any]:
         """The options as JSON values; :meth:`from_json` reads them."""

@@ -27,6 +27,8 @@ def _smooth(values: list[float], width: int) -> np.ndarray:
     """Running mean over the last `width` values; None counts as missing."""
     array = np.array([np.nan if value is None else value for value in values], float)
     known = np.isfinite(array)
+    if not len(array):
+        return array
     window = np.ones(width)
     sums = np.convolve(np.where(known, array, 0.0), window)[: len(array)]
     counts = np.convolve(known, window)[: len(array)]

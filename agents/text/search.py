@@ -10,6 +10,7 @@ it depend on the state and improves it. Only the environment's reward is used.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -181,6 +182,7 @@ def search(
     alive_bonus: float,
     rng: np.random.Generator,
     rounds: int = 4,
+    seconds: float = np.inf,
 ) -> SearchResult:
     """Finds latents that earn a high reward.
 
@@ -191,6 +193,7 @@ def search(
         alive_bonus: What a fall loses at every decision; see :class:`Earnings`.
         rng: Draws variations and start states.
         rounds: Rounds of variation after the library was tried; each takes n x 5 s of simulated time.
+        seconds: No new round begins after this time, so that a slow machine has time left for learning.
 
     Returns:
         The best candidates, and what was seen on the way.
@@ -198,6 +201,7 @@ def search(
     Raises:
         ValueError: If there are no latents.
     """
+    started = time.monotonic()
     library = library_candidates(latents, names)
     try_candidates(env, library, alive_bonus, rng)
     try_candidates(env, best(library, env.num_envs), alive_bonus, rng)  # a second trial, so that luck does not win
@@ -207,6 +211,8 @@ def search(
     population = list(library)
     curve = [best(population, 1, trials=2)[0].reward]
     for _ in range(rounds):
+        if time.monotonic() - started > seconds:
+            break
         elite = best(population, ELITE, trials=2)
         children = [vary(elite, rng) for _ in range(max(env.num_envs - ELITE, ELITE))]
         try_candidates(env, elite + children, alive_bonus, rng)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from agents.text.monitor import ProgressDisplay
 
 ENVIRONMENT = "anyskill_envs:HumanoidText-v0"
+SEARCH_SHARE = 0.2
+"""Share of the training time after which the search begins no new round."""
 _UNLIMITED_STEPS = 10**12
 """Steps for `PPO.learn`: the monitor stops it by the clock."""
 _MAY_CHANGE_ON_RESUME = ("minutes", "evaluation_episodes", "video", "progress", "output", "resume", "overwrite")
@@ -84,10 +86,10 @@ def environment_options(config: TrainConfig) -> dict[str, Any]:
 def make_environment(config: TrainConfig, num_envs: int) -> VecEnv:
     """The environment of a run as Stable-Baselines3 wants it."""
     from agents.sb3 import make_sb3_env
-    from agents.text.bonus import AliveBonus
+    from agents.text.shaping import ShapedReward
 
     env = make_sb3_env(ENVIRONMENT, num_envs, monitor=False, text=config.text, **environment_options(config))
-    return AliveBonus(env, config.alive_bonus)
+    return ShapedReward(env, config.alive_bonus, config.reward_scale)
 
 
 def make_model(config: TrainConfig, env: VecEnv) -> PPO:
@@ -121,7 +123,15 @@ def search_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
 
     env = gym.make_vec(ENVIRONMENT, num_envs=config.num_envs, text=config.text, **environment_options(config))
     controller = env.unwrapped.decoder.controller  # type: ignore[attr-defined]
-    report = warm_start(model, env, controller.latents, controller.clip_names, config.alive_bonus, config.seed)
+    report = warm_start(
+        model,
+        env,
+        controller.latents,
+        controller.clip_names,
+        config.alive_bonus,
+        config.seed,
+        SEARCH_SHARE * 60 * config.minutes,
+    )
     env.close()
     return report
 

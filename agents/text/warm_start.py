@@ -96,7 +96,13 @@ def policy_reward(env: VectorEnv, model: PPO, alive_bonus: float, rng: np.random
 
 
 def warm_start(
-    model: PPO, env: VectorEnv, latents: FloatArray, names: NDArray[np.str_], alive_bonus: float, seed: int
+    model: PPO,
+    env: VectorEnv,
+    latents: FloatArray,
+    names: NDArray[np.str_],
+    alive_bonus: float,
+    seed: int,
+    seconds: float = np.inf,
 ) -> dict[str, Any]:
     """Lets a policy start from what the search finds.
 
@@ -110,12 +116,13 @@ def warm_start(
         names: The clip of each, `(k,)`.
         alive_bonus: Bonus of training for a decision without a fall.
         seed: Seed of everything that is drawn.
+        seconds: No new round of the search begins after this time.
 
     Returns:
         What the report says about it.
     """
     rng = np.random.default_rng(seed)
-    result = search(env, latents, names, alive_bonus, rng)
+    result = search(env, latents, names, alive_bonus, rng, seconds=seconds)
     report = summary(result)
     start, reward = "held", result.held.reward
     untrained = {name: value.clone() for name, value in model.policy.state_dict().items()}
@@ -132,8 +139,7 @@ def warm_start(
     if start == "held":
         hold(model, result.held.latents[0])
     with torch.no_grad():
-        # The value of earning this for ever; by gradient descent it would take the first updates to find.
-        dict(model.policy.named_parameters())["value_net.bias"].fill_(
-            (reward + alive_bonus) / max(1.0 - model.gamma, 1e-3)
-        )
+        # The value of earning this for ever (as agents.text.shaping scales it), which by gradient descent it would take
+        # the first updates to find.
+        dict(model.policy.named_parameters())["value_net.bias"].fill_(reward + alive_bonus)
     return report | {"start": start, "reward": reward}
