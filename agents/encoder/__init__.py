@@ -1,0 +1,1 @@
+"""Training of the bundled encoder: graded facts about poses, captions, states, towers."""

@@ -1,0 +1,226 @@
+"""Captions: wordings of concepts and of pairs of concepts, and how far each is true of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.encoder.concepts import CONCEPTS, Concept
+from motion_data.clip import swap_sides
+
+_THIRD_PERSON = {"go": "goes", "do": "does", "be": "is", "have": "has"}
+_GERUND = {"be": "being", "lie": "lying", "die": "dying"}
+# One-syllable verbs that double their last letter before "ing".
+_DOUBLING = {
+    "put",
+    "squat",
+    "sit",
+    "hit",
+    "run",
+    "jog",
+    "step",
+    "hop",
+    "spin",
+    "clap",
+    "flap",
+    "hug",
+    "nod",
+    "drop",
+    "stop",
+}
+_DOUBLING |= {"swim", "jab", "get", "let", "shrug", "throb", "dip"}
+_VERBS = set(
+    "raise lift put hold reach stretch throw lower let keep relax extend point spread make move bend flex bring fold join"
+    " rest place touch salute give scratch drink cross stand wave say swing greet punch hit jab strike box push shove clap"
+    " applaud circle rotate flap take tilt lean arch twist turn look face pick squat do crouch go sit kneel genuflect"
+    " propose pull kick balance hop close lunge step rise jump leap get walk stroll march run jog sprint dash back spin"
+    " stay wait stop dance lie fall drop collapse crawl creep flip nod shake shrug hug embrace roll uppercut sway show"
+    " rotate lift cower duck lower straddle pray be have stir".split()
+)
+# The arms can do one thing while the legs, the trunk or the whole body do another.
+_PARTNERS = (("arms", "legs"), ("arms", "travel"), ("arms", "trunk"), ("trunk", "legs"))
+_JOINTS = ("{0} and {1}", "{1} and {0}", "{0} while {2}", "{3} while {1}", "{0}, {1}", "{1} with {0}")
+
+
+def third_person(phrase: str) -> str | None:
+    """ "raise the arm" to "raises the arm"; None if the phrase does not start with a verb."""
+    verb, _, rest = phrase.partition(" ")
+    if verb not in _VERBS:
+        return None
+    if verb in _THIRD_PERSON:
+        verb = _THIRD_PERSON[verb]
+    elif verb.endswith(("s", "sh", "ch", "x", "z")):
+        verb += "es"
+    elif verb.endswith("y") and verb[-2] not in "aeiou":
+        verb = verb[:-1] + "ies"
+    else:
+        verb += "s"
+    return f"{verb} {rest}".strip()
+
+
+def gerund(phrase: str) -> str | None:
+    """ "raise the arm" to "raising the arm"; None if the phrase does not start with a verb."""
+    verb, _, rest = phrase.partition(" ")
+    if verb not in _VERBS:
+        return None
+    if verb in _GERUND:
+        verb = _GERUND[verb]
+    elif verb in _DOUBLING:
+        verb += verb[-1] + "ing"
+    elif verb.endswith("e") and not verb.endswith("ee"):
+        verb = verb[:-1] + "ing"
+    else:
+        verb += "ing"
+    return f"{verb} {rest}".strip()
+
+
+def variants(phrase: str) -> list[str]:
+    """Other ways to say a phrase, without the phrase itself."""
+    texts = [f"{phrase} please", f"now {phrase}"]
+    third, doing = third_person(phrase), gerund(phrase)
+    if third is not None and doing is not None:
+        texts += [
+            f"the humanoid {third}",
+            f"a person {third}",
+            f"someone {third}",
+            f"a robot {third}",
+            doing,
+            f"a person {doing}",
+            f"a person is {doing}",
+            f"a humanoid robot {doing}",
+            f"try to {phrase}",
+            f"the humanoid should {phrase}",
+        ]
+    else:
+        texts += [f"a humanoid, {phrase}", f"a person with {phrase}", f"pose: {phrase}"]
+    return texts
+
+
+@dataclass(frozen=True)
+class Caption:
+    """A text and what it means.
+
+    Attributes:
+        text: the words.
+        concepts: indices of one or two concepts that must be true together.
+    """
+
+    text: str
+    concepts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class CaptionSet:
+    """Captions for training, and wordings that training never sees.
+
+    Attributes:
+        concepts: the concepts that captions point to.
+        training: captions to train on.
+        held_out: one concept each, in a wording that is in no training caption.
+    """
+
+    concepts: tuple[Concept, ...]
+    training: tuple[Caption, ...]
+    held_out: tuple[Caption, ...]
+
+    def truth(self, captions: Sequence[Caption], truths: NDArray[np.floating]) -> NDArray[np.float32]:
+        """How far captions are true of motions.
+
+        Args:
+            captions: c captions.
+            truths: truth of every concept, `(n, concepts)`.
+
+        Returns:
+            `(n, c)`; a pair counts half its mean and half its worse member.
+        """
+        first = truths[:, [caption.concepts[0] for caption in captions]]
+        second = truths[:, [caption.concepts[-1] for caption in captions]]
+        return (0.25 * (first + second) + 0.5 * np.minimum(first, second)).astype(np.float32)
+
+
+def mirrored_caption(caption: Caption, concepts: Sequence[Concept]) -> Caption:
+    """The caption with left and right exchanged, in words and in meaning."""
+    names = [concept.name for concept in concepts]
+
+    def partner(index: int) -> int:
+        base, _, side = names[index].rpartition(".")
+        other = {"left": "right", "right": "left"}.get(side)
+        return names.index(f"{base}.{other}") if other else index
+
+    return Caption(swap_sides(caption.text), tuple(partner(index) for index in caption.concepts))
+
+
+def write_captions(
+    rng: np.random.Generator,
+    pairs: int = 700,
+    variants_per_phrase: int = 2,
+    held_out_share: float = 0.12,
+    concepts: Sequence[Concept] | None = None,
+) -> CaptionSet:
+    """Writes the captions.
+
+    Args:
+        rng: draws wordings.
+        pairs: how many pairs of concepts to join; each comes with its mirror image.
+        variants_per_phrase: further wordings per phrase.
+        held_out_share: share of the phrases that are kept for evaluation; never the first of a concept. A phrase and
+            its mirror image are kept together.
+        concepts: concepts to write about; all of them if None.
+
+    Returns:
+        The captions.
+    """
+    concepts = tuple(CONCEPTS.values() if concepts is None else concepts)
+    kept: set[str] = set()
+    for concept in concepts:
+        for phrase in concept.phrases[1:]:
+            if phrase not in kept and rng.random() < held_out_share:
+                kept |= {phrase, swap_sides(phrase)}
+    firsts = {concept.phrases[0] for concept in concepts}
+    kept -= firsts
+    training: list[Caption] = []
+    held_out: list[Caption] = []
+    for index, concept in enumerate(concepts):
+        for phrase in concept.phrases:
+            if phrase in kept:
+                held_out.append(Caption(phrase, (index,)))
+                continue
+            training.append(Caption(phrase, (index,)))
+            others = variants(phrase)
+            chosen = rng.choice(len(others), size=min(variants_per_phrase, len(others)), replace=False)
+            training += [Caption(others[choice], (index,)) for choice in chosen]
+    groups: dict[str, list[int]] = {}
+    for index, concept in enumerate(concepts):
+        groups.setdefault(concept.group, []).append(index)
+    partners = [pair for pair in _PARTNERS if all(group in groups for group in pair)]
+    for _ in range(pairs if partners else 0):
+        first_group, second_group = partners[rng.integers(len(partners))]
+        first, second = int(rng.choice(groups[first_group])), int(rng.choice(groups[second_group]))
+        caption = Caption(
+            _join(rng, *(_phrase(rng, concepts[index], kept) for index in (first, second))), (first, second)
+        )
+        training += [caption, mirrored_caption(caption, concepts)]
+    unique = {caption.text: caption for caption in training}
+    return CaptionSet(concepts, tuple(unique.values()), tuple(held_out))
+
+
+def _phrase(rng: np.random.Generator, concept: Concept, kept: set[str]) -> str:
+    return str(rng.choice([phrase for phrase in concept.phrases if phrase not in kept]))
+
+
+def _join(rng: np.random.Generator, first: str, second: str) -> str:
+    first_doing, second_doing = gerund(first), gerund(second)
+    possible = [template for template in _JOINTS if template.count("{") == 2]
+    if second_doing is None:
+        possible.remove("{0} while {2}")
+    if first_doing is None or gerund(second) is None:
+        possible.remove("{3} while {1}")
+    if first_doing is not None:  # "squat with raise the arm" is no English, "squat with both hands up" is
+        possible.remove("{1} with {0}")
+    template = str(rng.choice(possible))
+    if template == "{3} while {1}":
+        return f"{second} while {first_doing}"
+    return template.format(first, second, second_doing, first_doing)

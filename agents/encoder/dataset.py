@@ -1,0 +1,306 @@
+"""Short motions for the encoder: clips, mixtures of clips, random limbs, and simulated bodies that follow or fall."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from agents.encoder.concepts import Concept
+from agents.encoder.measurements import WINDOW, Measurements
+from anyskill_envs.controller import CONTROLLER_FILE, LowLevelController
+from anyskill_envs.observation import OBSERVATION_SIZE
+from anyskill_envs.simulation import HumanoidSimulation
+from motion_data.clip import MotionClip
+from motion_data.skeleton import JOINT_NAMES, differentiate, joint_limits, lowest_point
+
+log = logging.getLogger(__name__)
+
+FILM_FRAMES = (2, 6, 10, 14)
+"""Frames of a short motion that the image tower sees: four over 0.4 s."""
+SOURCES = ("clips", "mixtures", "random_limbs", "simulated", "controller")
+
+_UPPER = np.array([not any(part in name for part in ("hip", "knee", "ankle")) for name in JOINT_NAMES])
+_TRUNK = np.array([name.startswith(("abdomen", "neck")) for name in JOINT_NAMES])
+_ARMS = _UPPER & ~_TRUNK
+_Tracks = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class MotionSet:
+    """n short motions.
+
+    Attributes:
+        observations: observation at the last frame, float32 `(n, 223)`.
+        truths: how far each concept is true, float16 `(n, concepts)`.
+        films: poses of the four frames that the image tower sees, float32 `(n, 4, 35)`.
+        sources: index into `SOURCES`, `(n,)`.
+        clips: name of the clip that the motion comes from, or "".
+    """
+
+    observations: NDArray[np.float32]
+    truths: NDArray[np.float16]
+    films: NDArray[np.float32]
+    sources: NDArray[np.int64]
+    clips: NDArray[np.str_]
+
+    def __len__(self) -> int:
+        """Number of motions."""
+        return len(self.observations)
+
+    def save(self, path: Path) -> None:
+        """Writes the set as `.npz`."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(path, **self.__dict__)
+
+    @classmethod
+    def load(cls, path: Path) -> MotionSet:
+        """Reads what `save` wrote."""
+        with np.load(path, allow_pickle=False) as archive:
+            return cls(**{name: archive[name] for name in archive.files})
+
+    def take(self, index: NDArray[np.int64]) -> MotionSet:
+        """Some of the motions."""
+        return MotionSet(**{name: value[index] for name, value in self.__dict__.items()})
+
+
+def join_sets(sets: Sequence[MotionSet]) -> MotionSet:
+    """One set of several."""
+    names = MotionSet.__dataclass_fields__
+    return MotionSet(**{name: np.concatenate([getattr(one, name) for one in sets]) for name in names})
+
+
+def smooth_path(
+    rng: np.random.Generator, frames: int, draw: Callable[[int], NDArray[np.float64]], pace: tuple[float, float]
+) -> NDArray[np.float64]:
+    """A path through random poses, eased between them, `(frames, k)`.
+
+    Args:
+        rng: draws the times.
+        frames: length at 30 frames per second.
+        draw: gives the given number of poses, `(poses, k)`.
+        pace: shortest and longest time between two poses, seconds.
+    """
+    times = [0.0]
+    while times[-1] < frames:
+        times.append(times[-1] + max(4.0, 30.0 * rng.uniform(*pace)))
+    poses = draw(len(times))
+    position = np.interp(np.arange(frames), times, np.arange(len(times)))
+    segment = np.minimum(position.astype(int), len(times) - 2)
+    share = position - segment
+    share = share * share * (3 - 2 * share)
+    return poses[segment] + share[:, None] * (poses[segment + 1] - poses[segment])
+
+
+class MotionSource:
+    """Draws kinematic motions.
+
+    Args:
+        clips: the motion library.
+        rng: all randomness.
+        frames: length of the motions, at 30 frames per second.
+    """
+
+    def __init__(self, clips: Sequence[MotionClip], rng: np.random.Generator, frames: int = 75) -> None:
+        self.clips = [clip.resampled() for clip in clips]
+        self.rng = rng
+        self.frames = frames
+        self.limits = joint_limits()
+
+    def clip(self) -> tuple[NDArray[np.float64], str]:
+        """A piece of a clip at a random speed; a shorter clip stands still at its end."""
+        source = self.clips[self.rng.integers(len(self.clips))]
+        name = source.name
+        if self.rng.random() < 0.6:
+            source = source.at_speed(float(self.rng.choice([0.7, 0.85, 1.2, 1.4])))
+        qpos = np.array(source.qpos)
+        start = self.rng.integers(max(1, len(qpos) - self.frames + 1))
+        piece = qpos[start : start + self.frames]
+        if len(piece) < self.frames:
+            piece = np.concatenate([piece, np.repeat(piece[-1:], self.frames - len(piece), 0)])
+        return piece, name
+
+    def mixture(self) -> NDArray[np.float64]:
+        """The arms and trunk of one clip on the legs and root of another."""
+        below, _ = self.clip()
+        above, _ = self.clip()
+        which = [_UPPER, _ARMS, _ARMS & np.array([("right" in name) for name in JOINT_NAMES])][self.rng.integers(3)]
+        qpos = below.copy()
+        qpos[:, 7:][:, which] = above[:, 7:][:, which]
+        return self._noisy(qpos)
+
+    def random_limbs(self) -> NDArray[np.float64]:
+        """A clip with random paths of one or both arms, of the trunk, of a leg or of everything, and tilted pelvis."""
+        rng = self.rng
+        qpos, _ = self.clip()
+        pace = (0.2, 0.6) if rng.random() < 0.5 else (0.6, 2.0)
+        side = np.array([str(rng.choice(["right", "left"])) in name for name in JOINT_NAMES])
+        leg = ~_UPPER & side
+        kind = rng.integers(6)
+        which = [_ARMS, _ARMS & side, _TRUNK, leg, _ARMS | _TRUNK, np.ones(len(JOINT_NAMES), bool)][kind]
+        low, high = self.limits[which].T
+        middle = np.clip(np.zeros(len(low)), low, high)
+        spread = 0.9 if kind < 2 or kind == 4 else 0.6
+
+        def draw(count: int) -> NDArray[np.float64]:
+            random = rng.uniform(low, high, size=(count, len(low)))
+            return middle + spread * rng.random((count, 1)) ** 0.5 * (random - middle)
+
+        qpos[:, 7:][:, which] = smooth_path(rng, len(qpos), draw, pace)
+        if rng.random() < 0.3:
+            tilt = Rotation.from_euler("xyz", rng.normal(0, [0.3, 0.4, 0.0]))
+            turned = tilt * Rotation.from_quat(qpos[:, 3:7], scalar_first=True)
+            qpos[:, 3:7] = turned.as_quat(scalar_first=True)
+        airborne = lowest_point(qpos[::5]).max() > 0.1 and kind < 2
+        if not airborne:
+            qpos[:, 2] -= lowest_point(qpos)
+        return self._noisy(qpos)
+
+    def _noisy(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        qpos = qpos.copy()
+        qpos[:, 7:] += self.rng.normal(0, self.rng.uniform(0, 0.08), size=len(JOINT_NAMES))
+        qpos[:, 7:] = np.clip(qpos[:, 7:], *self.limits.T)
+        return qpos
+
+
+def kinematic_tracks(motions: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Stacks motions of one length: poses `(frames, n, 35)` and velocities `(frames, n, 34)`."""
+    poses = np.stack(motions, 1)
+    velocities = np.stack([differentiate(motion) for motion in motions], 1)
+    return poses, velocities
+
+
+def simulated_tracks(rng: np.random.Generator, poses: NDArray[np.float64], velocities: NDArray[np.float64]) -> _Tracks:
+    """What bodies do that follow motions by their joint targets alone, with pushes: they sway, stumble, fall and lie.
+
+    Args:
+        rng: draws pushes.
+        poses: motions to follow, `(frames, n, 35)`.
+        velocities: their velocities, `(frames, n, 34)`.
+
+    Returns:
+        Simulated poses and velocities, of the same shapes.
+    """
+    frames, count, _ = poses.shape
+    simulation = HumanoidSimulation(count, num_threads=1)
+    simulation.reset(np.arange(count), poses[0], velocities[0])
+    record_poses, record_velocities = np.empty_like(poses), np.empty_like(velocities)
+    for frame in range(frames):
+        record_poses[frame], record_velocities[frame] = simulation.qpos, simulation.qvel
+        if frame % 10 == 0:
+            pushed = rng.random(count) < 0.15
+            simulation.push("torso", rng.normal(0, 120.0, (count, 3)) * pushed[:, None])
+        simulation.step(poses[frame, :, 7:] + 0.05 * velocities[frame, :, 6:])
+    return record_poses, record_velocities
+
+
+def controller_tracks(rng: np.random.Generator, count: int, frames: int, controller: LowLevelController) -> _Tracks:
+    """What the frozen controller does with latents of clips, between clips and at random, renewed at random times."""
+    simulation = HumanoidSimulation(count, num_threads=1)
+    library = controller.latents
+
+    def draw(size: int) -> NDArray[np.float64]:
+        first, second = library[rng.integers(len(library), size=(2, size))]
+        mixed = np.where(rng.random((size, 1)) < 0.6, first, first + second * rng.random((size, 1)))
+        mixed = mixed + rng.normal(0, 0.3, mixed.shape) * (rng.random((size, 1)) < 0.3)
+        return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+
+    latents = draw(count)
+    poses, velocities = np.empty((frames, count, 35)), np.empty((frames, count, 34))
+    for frame in range(frames):
+        renewed = np.flatnonzero(rng.random(count) < 0.04)
+        latents[renewed] = draw(len(renewed))
+        poses[frame], velocities[frame] = simulation.qpos, simulation.qvel
+        simulation.step(controller.act(simulation.observation(), latents.astype(np.float32)))
+    return poses, velocities
+
+
+def windows_of_tracks(
+    rng: np.random.Generator,
+    tracks: _Tracks,
+    concepts: Sequence[Concept],
+    source: str,
+    per_track: int,
+    names: Sequence[str] | None = None,
+) -> MotionSet:
+    """Cuts short motions out of tracks and measures them.
+
+    Args:
+        rng: draws where to cut.
+        tracks: poses `(frames, n, 35)` and velocities `(frames, n, 34)`.
+        concepts: what to measure.
+        source: one of `SOURCES`.
+        per_track: motions per track.
+        names: name of each track's clip.
+
+    Returns:
+        n times `per_track` motions.
+    """
+    poses, velocities = tracks
+    frames, count, _ = poses.shape
+    simulation = HumanoidSimulation(count, num_threads=1)
+    positions = np.empty((frames, count, 15, 3), np.float32)
+    quaternions = np.empty((frames, count, 15, 4), np.float32)
+    observations = np.empty((frames, count, OBSERVATION_SIZE), np.float32)
+    for frame in range(frames):
+        simulation.reset(np.arange(count), poses[frame], velocities[frame])
+        positions[frame], quaternions[frame] = simulation.body_positions, simulation.body_quaternions
+        observations[frame] = simulation.observation()
+    ends = rng.integers(WINDOW - 1, frames, size=(per_track, count)).ravel()
+    tracks_index = np.tile(np.arange(count), per_track)
+    index = ends[:, None] - (WINDOW - 1) + np.arange(WINDOW)
+    measured = Measurements(
+        positions[index, tracks_index[:, None]].astype(np.float64),
+        quaternions[index, tracks_index[:, None]].astype(np.float64),
+    )
+    truths = np.stack([concept.rule(measured) for concept in concepts], 1).astype(np.float16)
+    films = poses[index[:, FILM_FRAMES], tracks_index[:, None]].astype(np.float32)
+    clips = np.array(names if names is not None else [""] * count)[tracks_index]
+    sources = np.full(len(ends), SOURCES.index(source))
+    return MotionSet(observations[ends, tracks_index], truths, films, sources, clips.astype("<U48"))
+
+
+def generate(
+    clips: Sequence[MotionClip],
+    concepts: Sequence[Concept],
+    rng: np.random.Generator,
+    rounds: int = 4,
+    tracks: int = 128,
+    per_track: int = 16,
+    controller: Path | None = CONTROLLER_FILE,
+) -> Iterator[MotionSet]:
+    """Makes the short motions, one source after another.
+
+    Args:
+        clips: the motion library, with mirrored clips.
+        concepts: what to measure.
+        rng: all randomness.
+        rounds: how often all sources are drawn from.
+        tracks: tracks per source and round.
+        per_track: short motions cut from each.
+        controller: the frozen controller, whose motions are a source if the file exists.
+
+    Yields:
+        One set per source and round.
+    """
+    source = MotionSource(clips, rng)
+    frozen = LowLevelController.load(controller) if controller is not None and Path(controller).is_file() else None
+    for _ in range(rounds):
+        chosen = [source.clip() for _ in range(tracks)]
+        clip_tracks = kinematic_tracks([motion for motion, _ in chosen])
+        names = [name for _, name in chosen]
+        yield windows_of_tracks(rng, clip_tracks, concepts, "clips", per_track, names)
+        mixtures = kinematic_tracks([source.mixture() for _ in range(tracks)])
+        yield windows_of_tracks(rng, mixtures, concepts, "mixtures", per_track)
+        limbs = kinematic_tracks([source.random_limbs() for _ in range(tracks)])
+        yield windows_of_tracks(rng, limbs, concepts, "random_limbs", per_track)
+        followed = simulated_tracks(rng, *(np.concatenate(pair, 1) for pair in zip(clip_tracks, limbs, strict=True)))
+        yield windows_of_tracks(rng, followed, concepts, "simulated", per_track)
+        if frozen is not None:
+            rolled = controller_tracks(rng, tracks, 150, frozen)
+            yield windows_of_tracks(rng, rolled, concepts, "controller", per_track)

@@ -1,0 +1,111 @@
+"""Writes trained towers as the ONNX files of an encoder, with their contract, and checks them against torch."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from torch import Tensor, nn
+
+from agents.encoder.networks import ImageTower, StateTower, TextHead
+from anyskill_envs.observation import OBSERVATION_LAYOUT
+from rewards.bundled import FILM_FRAMES, OBSERVATION_SIZE, contract
+from rewards.minilm import TOKEN_SIZE
+
+VERSION = "1"
+_TOLERANCE = 1e-4
+
+
+def _write(module: nn.Module, inputs: dict[str, Tensor], dynamic: tuple, path: Path, metadata: dict[str, str]) -> None:
+    """Exports a module whole or not at all.
+
+    Raises:
+        RuntimeError: the file gives another result than torch.
+    """
+    import onnxruntime
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".tmp.onnx")
+    module.eval()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            module,
+            tuple(inputs.values()),
+            temporary,
+            input_names=list(inputs),
+            output_names=["feature"],
+            dynamic_shapes=dynamic,
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+        )
+    model = onnx.load(temporary)
+    onnx.helper.set_model_props(model, metadata)
+    onnx.save(model, temporary)
+    session = onnxruntime.InferenceSession(temporary, providers=["CPUExecutionProvider"])
+    with torch.no_grad():
+        expected = module(*inputs.values()).numpy()
+    found = session.run(["feature"], {name: value.numpy() for name, value in inputs.items()})[0]
+    difference = float(np.abs(found - expected).max())
+    if difference > _TOLERANCE:
+        raise RuntimeError(f"The exported '{path.name}' differs from the torch model by {difference:.2g}.")
+    os.replace(temporary, path)
+
+
+def export_towers(folder: Path, state: StateTower, text: TextHead, feature_size: int, trained_on: str) -> None:
+    """Writes the state projection and the text head.
+
+    Args:
+        folder: where to.
+        state: the state tower.
+        text: the text head.
+        feature_size: size of the shared space.
+        trained_on: one line about the data, for the metadata.
+    """
+    generator = torch.Generator().manual_seed(0)
+    batch, count, length = torch.export.Dim("batch"), torch.export.Dim("texts"), torch.export.Dim("tokens", max=512)
+    layout = str({name: [place.start, place.stop] for name, place in OBSERVATION_LAYOUT.items()})
+    details = {"feature_size": str(feature_size), "version": VERSION, "trained_on": trained_on}
+    observation = torch.randn(5, OBSERVATION_SIZE, generator=generator)
+    _write(
+        state,
+        {"observation": observation},
+        ({0: batch},),
+        folder / "state_projection.onnx",
+        contract("state") | details | {"observation_layout": layout},
+    )
+    tokens, mask = torch.randn(3, 9, TOKEN_SIZE, generator=generator), torch.ones(3, 9)
+    mask[0, 5:] = 0
+    _write(
+        text,
+        {"tokens": tokens, "mask": mask},
+        ({0: count, 1: length}, {0: count, 1: length}),
+        folder / "text_head.onnx",
+        contract("text") | details,
+    )
+
+
+def export_image_tower(folder: Path, image: ImageTower, size: int, feature_size: int, trained_on: str) -> None:
+    """Writes the image tower.
+
+    Args:
+        folder: where to.
+        image: the image tower.
+        size: pixels per side of its frames.
+        feature_size: size of the shared space.
+        trained_on: one line about the data, for the metadata.
+    """
+    films = torch.randint(0, 256, (3, FILM_FRAMES, size, size, 3), generator=torch.Generator().manual_seed(0)).float()
+    details = {"feature_size": str(feature_size), "version": VERSION, "trained_on": trained_on, "image_size": str(size)}
+    _write(
+        image,
+        {"films": films},
+        ({0: torch.export.Dim("batch")},),
+        folder / "image_tower.onnx",
+        contract("image") | details,
+    )

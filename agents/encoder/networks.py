@@ -1,0 +1,101 @@
+"""The three towers of the bundled encoder; each ends in unit vectors of the shared space."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from rewards.minilm import TOKEN_SIZE
+
+
+class StateTower(nn.Module):
+    """Observation to feature: the state projection.
+
+    Args:
+        mean: mean of each observation number, `(223,)`.
+        scale: its standard deviation, `(223,)`.
+        feature_size: size of the shared space.
+        hidden: width of both hidden layers.
+    """
+
+    def __init__(
+        self, mean: NDArray[np.float32], scale: NDArray[np.float32], feature_size: int, hidden: int = 512
+    ) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.as_tensor(mean))
+        self.register_buffer("inverse_scale", 1.0 / torch.as_tensor(scale))
+        self.layers = nn.Sequential(
+            nn.Linear(len(mean), hidden),
+            nn.ReLU(),
+            nn.Linear(hidden, hidden),
+            nn.ReLU(),
+            nn.Linear(hidden, feature_size),
+        )
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Unit features `(n, d)` of observations `(n, 223)`."""
+        x = ((observation - self.mean) * self.inverse_scale).clamp(-6.0, 6.0)
+        return functional.normalize(self.layers(x).float(), dim=-1)
+
+
+class TextHead(nn.Module):
+    """Token states of the frozen sentence model to feature: pooling by learned attention, then a small network.
+
+    Args:
+        feature_size: size of the shared space.
+        heads: how many weighted means of the tokens are taken.
+        width: numbers per weighted mean.
+    """
+
+    def __init__(self, feature_size: int, heads: int = 8, width: int = 64, hidden: int = 512) -> None:
+        super().__init__()
+        self.heads, self.width = heads, width
+        self.normalise = nn.LayerNorm(TOKEN_SIZE)
+        self.values = nn.Linear(TOKEN_SIZE, heads * width)
+        self.scores = nn.Sequential(nn.Linear(TOKEN_SIZE, 128), nn.ReLU(), nn.Linear(128, heads))
+        self.layers = nn.Sequential(
+            nn.ReLU(), nn.Dropout(0.1), nn.Linear(heads * width, hidden), nn.ReLU(), nn.Linear(hidden, feature_size)
+        )
+
+    def forward(self, tokens: Tensor, mask: Tensor) -> Tensor:
+        """Unit features `(k, d)` of token states `(k, tokens, 384)`; the mask `(k, tokens)` is 0 for padding."""
+        x = self.normalise(tokens)
+        scores = self.scores(x) + (mask[..., None] - 1.0) * 1e4
+        weights = torch.softmax(scores.float(), dim=1)
+        values = self.values(x).reshape(x.shape[0], x.shape[1], self.heads, self.width)
+        pooled = (weights[..., None] * values).sum(1).flatten(1)
+        return functional.normalize(self.layers(pooled).float(), dim=-1)
+
+
+class ImageTower(nn.Module):
+    """Short films of four frames of 64 x 64 pixels to feature.
+
+    Each frame goes through the same convolutions; the frames are then read in their order.
+
+    Args:
+        feature_size: size of the shared space.
+        frames: frames of a film.
+    """
+
+    def __init__(self, feature_size: int, frames: int = 4, width: int = 24, size: int = 64) -> None:
+        super().__init__()
+        self.frames = frames
+        channels = [3, width, 2 * width, 4 * width, 6 * width]
+        layers: list[nn.Module] = []
+        for inputs, outputs in zip(channels[:-1], channels[1:], strict=True):
+            layers += [nn.Conv2d(inputs, outputs, 3, stride=2, padding=1), nn.BatchNorm2d(outputs), nn.ReLU()]
+        self.convolutions = nn.Sequential(*layers)
+        spot = size // 2 ** (len(channels) - 1)
+        self.frame_layer = nn.Linear(channels[-1] * spot * spot, 256)
+        self.layers = nn.Sequential(nn.ReLU(), nn.Linear(256 * frames, 512), nn.ReLU(), nn.Linear(512, feature_size))
+
+    def forward(self, films: Tensor) -> Tensor:
+        """Unit features `(n, d)` of films `(n, frames, size, size, 3)` with values from 0 to 255."""
+        count, frames = films.shape[0], films.shape[1]
+        pictures = films.flatten(0, 1).permute(0, 3, 1, 2).float() / 127.5 - 1.0
+        x = self.frame_layer(self.convolutions(pictures).flatten(1))
+        x = x.reshape(count, frames * x.shape[-1])
+        return functional.normalize(self.layers(x).float(), dim=-1)

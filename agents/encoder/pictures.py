@@ -1,0 +1,154 @@
+"""Renders short motions as films, and trains the image tower to see in them what the state tower knows."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.nn import functional
+from tqdm import tqdm
+
+from agents.encoder.dataset import FILM_FRAMES, MotionSet
+from agents.encoder.networks import ImageTower
+from anyskill_envs.rendering import FRONT_CAMERA, Camera, HumanoidRenderer
+from rewards.bundled import shrink
+
+log = logging.getLogger(__name__)
+
+# The environments draw 224 pixels; the smaller size keeps the tower from relying on one way of shrinking.
+_RENDERED_SIZES = (224, 224, 128)
+
+
+def random_camera(rng: np.random.Generator) -> Camera:
+    """AnySkill's camera in one of three draws, else one near it: up to 25 degrees aside, 2.5 to 3.6 m away."""
+    if rng.random() < 1 / 3:
+        return FRONT_CAMERA
+    angle, distance = rng.uniform(-0.44, 0.44), rng.uniform(2.5, 3.6)
+    position = (distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.7, 1.5))
+    return Camera(tuple(float(value) for value in position))
+
+
+def render_films(
+    poses: NDArray[np.float32], size: int, rng: np.random.Generator, cache: Path | None = None, front: bool = False
+) -> NDArray[np.uint8]:
+    """Films of short motions, `(n, 4, size, size, 3)`.
+
+    Args:
+        poses: the four poses of each film, `(n, 4, 35)`.
+        size: pixels per side.
+        rng: draws cameras.
+        cache: a file that keeps the films; what it holds already is not drawn again.
+        front: always take AnySkill's camera.
+
+    Returns:
+        The films, a memory map if there is a cache.
+    """
+    shape = (len(poses), len(FILM_FRAMES), size, size, 3)
+    done = 0
+    films: NDArray[np.uint8]
+    if cache is not None:
+        count = cache.with_suffix(".count")
+        resume = cache.is_file() and count.is_file() and np.load(cache, mmap_mode="r").shape == shape
+        done = int(count.read_text()) if resume else 0
+        films = np.lib.format.open_memmap(cache, "r+" if resume else "w+", dtype=np.uint8, shape=shape)
+    else:
+        films = np.empty(shape, np.uint8)
+    renderers = [HumanoidRenderer(pixels, pixels) for pixels in dict.fromkeys(_RENDERED_SIZES)]
+    try:
+        for row in tqdm(range(done, len(poses)), desc="drawing films", initial=done, total=len(poses)):
+            renderer = renderers[0] if front else renderers[_RENDERED_SIZES[rng.integers(3)] != renderers[0].width]
+            camera = FRONT_CAMERA if front else random_camera(rng)
+            film = np.stack([renderer.render(pose, camera) for pose in poses[row].astype(np.float64)])
+            films[row] = np.round(shrink(film[None], size)[0])
+            if cache is not None and row % 200 == 199:
+                count.write_text(str(row + 1))
+    finally:
+        for renderer in renderers:
+            renderer.close()
+    if cache is not None:
+        count.write_text(str(len(poses)))
+    return films
+
+
+def picture_index(motions: MotionSet, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Which motions to draw: half uniform, half with every concept alike."""
+    uniform = rng.choice(len(motions), size=min(count // 2, len(motions)), replace=False)
+    fulfilling = [index for index in (np.flatnonzero(column > 0.6) for column in motions.truths.T) if len(index)]
+    chosen = [rng.choice(fulfilling[place % len(fulfilling)]) for place in range(count - len(uniform))]
+    return np.concatenate([uniform, np.array(chosen, dtype=np.int64)])
+
+
+def train_image_tower(
+    films: NDArray[np.uint8],
+    features: NDArray[np.float32],
+    text_features: NDArray[np.float32],
+    checkpoint: Path,
+    epochs: int,
+    batch: int,
+    learning_rate: float,
+    seed: int,
+) -> ImageTower:
+    """Trains the image tower towards the features of the state tower.
+
+    The loss is one minus the cosine with the state's feature, plus the squared difference of the similarities to texts:
+    what the features are used for.
+
+    Args:
+        films: `(n, 4, size, size, 3)`.
+        features: unit features of their states, `(n, d)`.
+        text_features: unit features of texts, `(k, d)`.
+        checkpoint: file of the last state of the training.
+        epochs: passes over the films.
+        batch: films per step.
+        learning_rate: highest learning rate.
+        seed: seed of weights and order.
+
+    Returns:
+        The trained tower.
+    """
+    torch.manual_seed(seed)
+    tower = ImageTower(features.shape[1], frames=films.shape[1], size=films.shape[2])
+    optimiser = torch.optim.AdamW(tower.parameters(), lr=learning_rate, weight_decay=1e-3)
+    steps_per_epoch = len(films) // batch
+    total = epochs * steps_per_epoch
+    first = 0
+    if checkpoint.is_file():
+        stored = torch.load(checkpoint, weights_only=True)
+        tower.load_state_dict(stored["tower"])
+        optimiser.load_state_dict(stored["optimiser"])
+        first = int(stored["epoch"])
+    texts = torch.from_numpy(text_features)
+    progress = tqdm(total=total, initial=first * steps_per_epoch, desc="image tower")
+    tower.train()
+    tower.to(memory_format=torch.channels_last)
+    started = time.monotonic()
+    for epoch in range(first, epochs):
+        order = np.random.default_rng([seed, epoch]).permutation(len(films))
+        for place in range(steps_per_epoch):
+            chosen = np.sort(order[place * batch : (place + 1) * batch])
+            step = epoch * steps_per_epoch + place
+            for group in optimiser.param_groups:
+                rate = learning_rate * min(1.0, (step + 1) / 100) * 0.5 * (1.0 + np.cos(np.pi * step / total))
+                group["lr"] = float(rate) + 1e-6
+            wanted = torch.from_numpy(features[chosen])
+            with torch.autocast("cpu", dtype=torch.bfloat16):
+                found = tower(torch.from_numpy(films[chosen]))
+            cosine = functional.cosine_similarity(found, wanted)
+            graded = ((found - wanted) @ texts.T).pow(2).mean()
+            optimiser.zero_grad()
+            ((1.0 - cosine).mean() + 10.0 * graded).backward()
+            optimiser.step()
+            progress.update()
+            if place % 20 == 0:
+                progress.set_postfix(cosine=f"{cosine.mean().item():.3f}")
+        stored = {"tower": tower.state_dict(), "optimiser": optimiser.state_dict(), "epoch": epoch + 1}
+        torch.save(stored, checkpoint.with_suffix(".tmp"))
+        checkpoint.with_suffix(".tmp").replace(checkpoint)
+    progress.close()
+    log.info("image tower trained in %.0f s", time.monotonic() - started)
+    tower.to(memory_format=torch.contiguous_format)
+    return tower.eval()
