@@ -82,7 +82,7 @@ def show_motion(
     from motion_data.contact_sheet import contact_sheet
 
     clip = MotionLibrary.default()[name]
-    renderer = HumanoidRenderer(width=200, height=240)
+    renderer = HumanoidRenderer(width=200, height=240, preset="video")
     cameras = [
         Camera(position=(3.0, 0.0, 1.0), follow="position", look_at_height=0.9),
         Camera(position=(0.0, -3.0, 1.0), follow="position", look_at_height=0.9),

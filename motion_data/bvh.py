@@ -153,7 +153,10 @@ def _motion(text: str) -> tuple[int, float, np.ndarray]:
     frame_time = float(header[2])
     if not frame_time > 0:
         raise ValueError(f"the frame time is {frame_time}")
-    return int(header[1]), 1 / frame_time, np.array(text[header.end() :].split(), dtype=np.float64)
+    fps = 1 / frame_time
+    # Files write 0.0333 or 0.033333 for 30 frames per second.
+    fps = round(fps) if abs(fps - round(fps)) < 0.05 else fps
+    return int(header[1]), float(fps), np.array(text[header.end() :].split(), dtype=np.float64)
 
 
 def _place(
@@ -360,9 +363,8 @@ def _retarget(source: _Source) -> np.ndarray:
         thigh, bend = _limb(source, f"{side}_hip", f"{side}_knee", f"{side}_ankle", pelvis, sign=1)
         set_joint(f"{side}_hip", pelvis, thigh)
         set_hinge(f"{side}_knee", bend)
-        if source.has(f"{side}_toe"):
-            shin = thigh @ Rotation.from_euler("y", bend[:, None]).as_matrix()
-            set_joint(f"{side}_ankle", shin, _foot(source, side, shin))
+        shin = thigh @ Rotation.from_euler("y", bend[:, None]).as_matrix()
+        set_joint(f"{side}_ankle", shin, _foot(source, side, shin))
     qpos[:, :3] = _scale(source) * 0.5 * (source.position("right_hip") + source.position("left_hip"))
     quaternions = Rotation.from_matrix(pelvis).as_quat(scalar_first=True)
     # Neighbouring quaternions of the same sign interpolate the short way.
@@ -441,10 +443,18 @@ def _limb(
 
 
 def _foot(source: _Source, side: str, shin: np.ndarray) -> np.ndarray:
-    """Orientation of a foot, ``(T, 3, 3)``, level when the foot stands."""
-    toes = source.between(f"{side}_ankle", f"{side}_toe")
-    toes = toes / np.linalg.norm(toes, axis=1, keepdims=True)
-    height = source.position(f"{side}_ankle")[:, 2] + source.position(f"{side}_toe")[:, 2]
+    """Orientation of a foot, ``(T, 3, 3)``, level in the fifth of the frames in which it is lowest."""
+    ankle = source.position(f"{side}_ankle")
+    if not source.has(f"{side}_toe"):
+        standing = ankle[:, 2] <= np.quantile(ankle[:, 2], 0.2)
+        upward = np.tile([0.0, 0.0, 1.0], (int(standing.sum()), 1))
+        level = _frame(up=upward, left=shin[standing, :, 1])
+        rotation = source.rotation(f"{side}_ankle")
+        fixed = Rotation.from_matrix(np.swapaxes(rotation[standing], 1, 2) @ level).mean().as_matrix()
+        return rotation @ fixed
+    toe = source.position(f"{side}_toe")
+    toes = (toe - ankle) / np.linalg.norm(toe - ankle, axis=1, keepdims=True)
+    height = ankle[:, 2] + toe[:, 2]
     standing = height <= np.quantile(height, 0.2)
     slope = np.median(np.arcsin(np.clip(toes[standing, 2], -1, 1)))
     y = shin[:, :, 1] - (shin[:, :, 1] * toes).sum(1, keepdims=True) * toes

@@ -34,7 +34,9 @@ def contact_sheet(
         ImportError: If Pillow is not installed.
     """
     if frames < 1 or per_row < 1 or not views:
-        raise ValueError(f"A contact sheet needs frames >= 1, per_row >= 1 and a view; got {frames}, {per_row}, {views}.")
+        raise ValueError(
+            f"A contact sheet needs frames >= 1, per_row >= 1 and a view; got {frames}, {per_row}, {views}."
+        )
     try:
         from PIL import Image, ImageDraw
     except ImportError as error:

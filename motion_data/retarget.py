@@ -1,5 +1,7 @@
 """Retargeting: joint rotations to our hinges, feet to the floor."""
 
+import warnings
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize
@@ -39,7 +41,10 @@ def fit_hinges(rotations: np.ndarray, limits: np.ndarray) -> np.ndarray:
         Hinge angles in the order x, z, y, ``(T, 3)`` radians.
     """
     frames = len(rotations)
-    start = _continuous_angles(Rotation.from_matrix(rotations).as_euler("XZY"), limits)
+    with warnings.catch_warnings():  # in gimbal lock one angle is free: the fit below chooses it
+        warnings.filterwarnings("ignore", message="Gimbal lock", category=UserWarning)
+        exact = Rotation.from_matrix(rotations).as_euler("XZY")
+    start = _continuous_angles(exact, limits)
 
     def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
         angles = flat.reshape(frames, 3)

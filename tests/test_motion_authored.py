@@ -1,4 +1,4 @@
-"""The authored clips are what they say: in balance, feet on the floor, joints inside their limits, limbs where the text puts them."""
+"""The authored clips are what they say: in balance, feet on the floor, limbs where the text puts them."""
 
 import numpy as np
 import pytest
@@ -143,5 +143,3 @@ def test_mistakes_in_the_file_are_named(tmp_path, keys, message):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match="nowhere.yaml"):
         read_authored(tmp_path / "nowhere.yaml")
-
-
