@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import ctypes
 import importlib
@@ -263,7 +264,5 @@ class HumanoidRenderer:
 
     def __del__(self) -> None:
         """Free the GL context with the object, while Python is still whole."""
-        try:
+        with contextlib.suppress(Exception):  # at interpreter exit modules may be gone already
             self.close()
-        except Exception:  # at interpreter exit modules may be gone already
-            pass

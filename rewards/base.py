@@ -100,7 +100,7 @@ class RewardOutput:
     def from_terms(cls, terms: dict[str, Any], similarity: FloatArray | None = None) -> RewardOutput:
         """Add the terms up; every value has shape (n,)."""
         arrays = {name: np.asarray(value, dtype=np.float32) for name, value in terms.items()}
-        total = np.sum(list(arrays.values()), axis=0, dtype=np.float32)
+        total: FloatArray = np.stack(list(arrays.values())).sum(axis=0, dtype=np.float32)
         return cls(total=total, terms=arrays, similarity=similarity)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +137,7 @@ class BundledEncoder:
             raise ValueError(f"Observations must be (n, {OBSERVATION_SIZE}), got {observation.shape}.")
         return self._state({"observation": observation})
 
-    def encode_text(self, texts: list[str]) -> FloatArray:
+    def encode_text(self, texts: Sequence[str]) -> FloatArray:
         """Unit features (k, d) of k texts.
 
         Raises:

@@ -80,7 +80,7 @@ class ClipReward:
         batch.require(self.needs)
         assert batch.text_feature is not None
         text = np.atleast_2d(batch.text_feature)
-        similarity = np.sum(self.image_feature(batch) * text, axis=-1, dtype=np.float32)
+        similarity: FloatArray = (self.image_feature(batch) * text).sum(axis=-1, dtype=np.float32)
         terms = {"clip": self.clip_weight * similarity}
         if self.style_weight != 0.0:
             assert batch.latent is not None and batch.style_latent is not None

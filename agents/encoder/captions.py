@@ -14,31 +14,37 @@ from motion_data.clip import swap_sides
 _THIRD_PERSON = {"go": "goes", "do": "does", "be": "is", "have": "has"}
 _GERUND = {"be": "being", "lie": "lying", "die": "dying"}
 # One-syllable verbs that double their last letter before "ing".
-_DOUBLING = {
-    "put",
-    "squat",
-    "sit",
-    "hit",
-    "run",
-    "jog",
-    "step",
-    "hop",
-    "spin",
-    "clap",
-    "flap",
-    "hug",
-    "nod",
-    "drop",
-    "stop",
-}
-_DOUBLING |= {"swim", "jab", "get", "let", "shrug", "throb", "dip"}
-_VERBS = set(
-    "raise lift put hold reach stretch throw lower let keep relax extend point spread make move bend flex bring fold join"
-    " rest place touch salute give scratch drink cross stand wave say swing greet punch hit jab strike box push shove clap"
-    " applaud circle rotate flap take tilt lean arch twist turn look face pick squat do crouch go sit kneel genuflect"
-    " propose pull kick balance hop close lunge step rise jump leap get walk stroll march run jog sprint dash back spin"
-    " stay wait stop dance lie fall drop collapse crawl creep flip nod shake shrug hug embrace roll uppercut sway show"
-    " rotate lift cower duck lower straddle pray be have stir".split()
+_DOUBLING_LIST = "put squat sit hit run jog step hop spin clap flap hug nod drop stop swim jab get let shrug dip"
+_DOUBLING = frozenset(_DOUBLING_LIST.split())
+_VERB_LIST = """
+    raise lift put hold reach stretch throw lower let keep relax extend point spread make move bend flex bring
+    fold join rest place touch salute give scratch drink cross stand wave say swing greet punch hit jab strike
+    box push shove clap applaud circle rotate flap take tilt lean arch twist turn look face pick squat do crouch
+    go sit kneel genuflect propose pull kick balance hop close lunge step rise jump leap get walk stroll march
+    run jog sprint dash back spin stay wait stop dance lie fall drop collapse crawl creep flip nod shake shrug
+    hug embrace roll uppercut sway show cower duck straddle pray be have stir
+"""
+_VERBS = frozenset(_VERB_LIST.split())
+_SYNONYMS = (
+    ("raise", "lift"),
+    ("above the head", "over the head", "overhead"),
+    ("floor", "ground"),
+    ("torso", "upper body", "trunk"),
+    ("to the front", "forward", "ahead"),
+    ("in front", "out in front"),
+    ("both", "the two"),
+    ("stretch", "extend", "reach"),
+    ("hold", "keep"),
+    ("put", "place"),
+    ("out to the side", "sideways", "out to the sides"),
+    ("down", "downward"),
+    ("backward", "back", "backwards"),
+    ("walk", "stroll"),
+    ("the", "your", "its"),
+    ("high", "up high"),
+    ("deeply", "low", "far"),
+    ("quickly", "fast"),
+    ("a little", "slightly", "a bit"),
 )
 # The arms can do one thing while the legs, the trunk or the whole body do another.
 _PARTNERS = (("arms", "legs"), ("arms", "travel"), ("arms", "trunk"), ("trunk", "legs"))
@@ -46,7 +52,7 @@ _JOINTS = ("{0} and {1}", "{1} and {0}", "{0} while {2}", "{3} while {1}", "{0},
 
 
 def third_person(phrase: str) -> str | None:
-    """ "raise the arm" to "raises the arm"; None if the phrase does not start with a verb."""
+    """Turns "raise the arm" into "raises the arm"; None if the phrase does not start with a verb."""
     verb, _, rest = phrase.partition(" ")
     if verb not in _VERBS:
         return None
@@ -62,7 +68,7 @@ def third_person(phrase: str) -> str | None:
 
 
 def gerund(phrase: str) -> str | None:
-    """ "raise the arm" to "raising the arm"; None if the phrase does not start with a verb."""
+    """Turns "raise the arm" into "raising the arm"; None if the phrase does not start with a verb."""
     verb, _, rest = phrase.partition(" ")
     if verb not in _VERBS:
         return None
@@ -75,6 +81,16 @@ def gerund(phrase: str) -> str | None:
     else:
         verb += "ing"
     return f"{verb} {rest}".strip()
+
+
+def with_synonyms(phrase: str, rng: np.random.Generator) -> str:
+    """The phrase with some of its words exchanged for others of the same meaning."""
+    words = f" {phrase} "
+    for group in _SYNONYMS:
+        present = [word for word in group if f" {word} " in words]
+        if present and rng.random() < 0.6:
+            words = words.replace(f" {present[0]} ", f" {rng.choice(group)} ", 1)
+    return words.strip()
 
 
 def variants(phrase: str) -> list[str]:
@@ -191,7 +207,8 @@ def write_captions(
             training.append(Caption(phrase, (index,)))
             others = variants(phrase)
             chosen = rng.choice(len(others), size=min(variants_per_phrase, len(others)), replace=False)
-            training += [Caption(others[choice], (index,)) for choice in chosen]
+            training += [Caption(with_synonyms(others[choice], rng), (index,)) for choice in chosen]
+            training += [Caption(with_synonyms(phrase, rng), (index,)) for _ in range(2)]
     groups: dict[str, list[int]] = {}
     for index, concept in enumerate(concepts):
         groups.setdefault(concept.group, []).append(index)
@@ -203,7 +220,7 @@ def write_captions(
             _join(rng, *(_phrase(rng, concepts[index], kept) for index in (first, second))), (first, second)
         )
         training += [caption, mirrored_caption(caption, concepts)]
-    unique = {caption.text: caption for caption in training}
+    unique = {caption.text: caption for caption in training if caption.text not in kept}
     return CaptionSet(concepts, tuple(unique.values()), tuple(held_out))
 
 

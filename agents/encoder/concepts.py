@@ -70,7 +70,9 @@ _add(
     "raise both arms above the head | raise both arms | lift both hands up high | put both hands up | hands up |"
     "raise both hands above the head | lift the arms overhead | hold both arms up | both arms raised high |"
     "raise two arms | put your hands in the air | reach up with both hands | arms above the head | stretch up high |"
-    "both hands over the head | throw both arms up in the air | reach for the ceiling | lift something above the head",
+    "both hands over the head | throw both arms up in the air | reach for the ceiling | lift something above the head"
+    " | raise both arms above the head through the sides | lift the arms sideways over the head | spread and raise both arms |"
+    "stretch the whole body upward | stretch | raise the arms | arms up | lift both arms over the head | raise your hands",
     lambda m: partly(m.arm_raised("right"), m.arm_raised("left")) * m.on_feet,
 )
 _add_sided(
@@ -95,7 +97,8 @@ _add(
     "arms_down",
     "arms",
     "lower both arms | let the arms hang down | arms at the sides | put the hands down | keep both arms down |"
-    "hands beside the hips | relax the arms | both arms hanging",
+    "hands beside the hips | relax the arms | both arms hanging"
+    " | drop the arms | bring both hands down | arms down | lower the hands to the sides",
     lambda m: (
         partly(m.arm_lowered("right"), m.arm_lowered("left"))
         * m.on_feet
@@ -118,7 +121,8 @@ _add(
     "arms_forward",
     "arms",
     "stretch both arms forward | hold both arms out in front | raise both arms forward | reach forward with both hands |"
-    "both arms straight ahead | extend both arms to the front | point forward with both hands | arms in front of the body",
+    "both arms straight ahead | extend both arms to the front | point forward with both hands | arms in front of the body"
+    " | hold the arms forward | zombie arms | put both hands out in front",
     lambda m: partly(_forward(m, "right"), _forward(m, "left")) * m.on_feet,
 )
 _add_sided(
@@ -133,7 +137,8 @@ _add(
     "arms_sideways",
     "arms",
     "stretch both arms out to the sides | stand in a T-pose | spread both arms | hold the arms out sideways | T-pose |"
-    "spread the arms wide | both arms out at shoulder height | make a T with the arms | extend both arms to the sides",
+    "spread the arms wide | both arms out at shoulder height | make a T with the arms | extend both arms to the sides"
+    " | open both arms wide | hold the arms out like wings | both arms stretched sideways | arms out to the left and right",
     lambda m: partly(_sideways(m, "right"), _sideways(m, "left")) * m.on_feet,
 )
 _add_sided(
@@ -252,7 +257,7 @@ _add(
 def _waving(m: Measurements, side: str) -> Array:
     raised = ramp(m.hand_from_shoulder(side)[:, 2], -0.4, 0.1)
     moving = ramp(m.speed(f"{side}_hand"), 0.3, 1.3)
-    return raised * (0.3 + 0.7 * moving) * ramp(m.pelvis_height, 0.3, 0.6)
+    return raised * (0.2 + 0.8 * moving) * ramp(m.pelvis_height, 0.3, 0.6)
 
 
 _add_sided(
@@ -363,7 +368,8 @@ _add(
     "bow_deep",
     "trunk",
     "bow deeply | bow at a right angle | bend forward until the back is level | make a deep bow | bend down deeply |"
-    "bow at right angle",
+    "bow at right angle"
+    " | bend over | bend over at the waist | a very deep bow | bend far forward",
     lambda m: ramp(_pitch(m), _degrees(15), _degrees(85)) * _on_straight_legs(m),
 )
 _add(
@@ -454,6 +460,7 @@ _add(
     "squat",
     "legs",
     "squat down | squat | do a squat | bend the knees deeply | squat low | crouch down | go down into a squat |"
+    "do a deep knee bend | get down in a squat | lower the body by bending the knees | squat as low as you can |"
     "hold a squat | stay in a squat | crouch low to the ground | squat down and stay low | lower the hips and bend both"
     " knees | sit down in the air | a deep squat | do squats | squatting low",
     lambda m: _squatting(m, ramp(m.pelvis_height, 0.87, 0.5)),
@@ -530,15 +537,16 @@ def _kicking(m: Measurements, side: str, other: str) -> Array:
     foot = m.foot_from_pelvis(side)
     fast = ramp(np.linalg.norm(m.velocity(f"{side}_foot"), axis=-1), 0.4, 2.5)
     high = ramp(m.height(f"{side}_foot"), 0.1, 0.6)
-    ahead = ramp(foot[:, 0], -0.05, 0.5)
+    ahead = ramp(foot[:, 0], 0.0, 0.55)
     support = ramp(m.height(f"{other}_foot"), 0.35, 0.15) * ramp(m.pelvis_height, 0.5, 0.7)
-    return high * (0.35 + 0.35 * ahead + 0.3 * fast) * support * ramp(m.uprightness, 0.0, 0.5)
+    return high * (0.2 + 0.45 * ahead + 0.35 * fast) * support * ramp(m.uprightness, 0.0, 0.5)
 
 
 _add_sided(
     "kick",
     "legs",
     "kick with the {side} leg | kick forward with the {side} leg | kick with the {side} foot | {side} kick |"
+    "{side} leg kick | do a {side} front kick | give a kick with the {side} foot |"
     "swing the {side} leg forward and up | raise the {side} leg and kick it forward | kick out with the {side} leg |"
     "lift the {side} foot and kick | kick the {side} foot up | a kick of the {side} leg | kick a ball with the {side} foot",
     _kicking,
@@ -553,7 +561,8 @@ _add_sided(
     "leg_forward",
     "legs",
     "raise the {side} leg forward | hold the {side} leg out in front | lift the straight {side} leg forward |"
-    "stretch the {side} leg forward in the air",
+    "stretch the {side} leg forward in the air"
+    " | {side} leg out in front | extend the {side} leg forward | hold the {side} leg up in front",
     lambda m, side, other: (
         ramp(m.height(f"{side}_foot"), 0.1, 0.6)
         * ramp(m.foot_from_pelvis(side)[:, 0], 0.05, 0.6)
@@ -579,7 +588,8 @@ _add_sided(
     "leg_back",
     "legs",
     "lift the {side} leg backward | stretch the {side} leg out behind | kick backward with the {side} leg |"
-    "raise the {side} foot behind the body",
+    "raise the {side} foot behind the body"
+    " | {side} leg behind the body | bend the {side} leg backward | {side} foot up behind",
     lambda m, side, other: (
         ramp(m.height(f"{side}_foot"), 0.1, 0.45)
         * ramp(m.foot_from_pelvis(side)[:, 0], -0.1, -0.45)
@@ -743,7 +753,8 @@ _add(
 _add(
     "march",
     "travel",
-    "march in place | march on the spot | lift the knees in turn | walk on the spot | run in place | step in place",
+    "march in place | march on the spot | lift the knees in turn | walk on the spot | run in place | step in place"
+    " | jog in place | jog on the spot | run on the spot | high knees",
     lambda m: (
         np.maximum(_knee_raised(m, "right", "left"), _knee_raised(m, "left", "right")) ** 0.5
         * (0.3 + 0.7 * _stepping(m))
@@ -755,7 +766,8 @@ _add(
     "stand_still",
     "whole",
     "stand still | stand and do nothing | stand idle | wait while standing | stand with the arms at the sides | stay |"
-    "stand calmly | stop moving | stand around | do not move",
+    "stand calmly | stop moving | stand around | do not move"
+    " | stand relaxed | stand quietly with the arms hanging | just stand there | be at rest | freeze",
     lambda m: (
         m.standing
         * m.steady
@@ -828,6 +840,7 @@ _add(
 _add(
     "upside_down",
     "whole",
-    "do a handstand | turn a cartwheel | cartwheel | flip over | be upside down | backflip | a somersault",
+    "do a handstand | turn a cartwheel | cartwheel | flip over | be upside down | backflip | a somersault"
+    " | flip backward in the air | do a backflip | stand on the hands | head down, feet up",
     lambda m: ramp(m.uprightness, 0.1, -0.7) * ramp(m.pelvis_height, 0.4, 0.7),
 )

@@ -193,8 +193,7 @@ def simulated_tracks(rng: np.random.Generator, poses: NDArray[np.float64], veloc
     for frame in range(frames):
         record_poses[frame], record_velocities[frame] = simulation.qpos, simulation.qvel
         if frame % 10 == 0:
-            pushed = rng.random(count) < 0.15
-            simulation.push("torso", rng.normal(0, 120.0, (count, 3)) * pushed[:, None])
+            simulation.push("torso", rng.normal(0, 120.0, (count, 3)) * (rng.random((count, 1)) < 0.15))
         simulation.step(poses[frame, :, 7:] + 0.05 * velocities[frame, :, 6:])
     return record_poses, record_velocities
 

@@ -43,6 +43,8 @@ def retrieval(
             continue
         others = rng.choice(wrong, among - 1, replace=False)
         ranks.append(int((similarity[others, text] >= similarity[rng.choice(right), text]).sum()))
+    if not ranks:
+        return {"recall@1": float("nan"), "recall@5": float("nan")}
     return {"recall@1": float(np.mean(np.array(ranks) < 1)), "recall@5": float(np.mean(np.array(ranks) < 5))}
 
 
@@ -85,7 +87,7 @@ def side_accuracy(
             continue
         own, other = encoder.encode_text([text, swap_sides(text)])
         shares.append(float((features[chosen] @ own > features[chosen] @ other).mean()))
-    return float(np.mean(shares))
+    return float(np.mean(shares)) if shares else float("nan")
 
 
 # Texts that name the same side but another limb, or the same limb the other way up.
@@ -121,18 +123,22 @@ def pair_accuracy(
     for pair in pairs:
         for side in ("left", "right") if "{side}" in pair[0] else ("",):
             first_text, first, second_text, second = (part.format(side=side) for part in pair)
+            if first not in names or second not in names:
+                continue
             one, two = encoder.encode_text([first_text, second_text])
             for own, other, right, wrong in ((one, two, first, second), (two, one, second, first)):
                 truths = motions.truths[:, [names.index(right), names.index(wrong)]]
                 chosen = (truths[:, 0] > _TRUE) & (truths[:, 1] < _FALSE)
                 if chosen.sum() >= 5:
                     shares.append(float((features[chosen] @ own > features[chosen] @ other).mean()))
-    return float(np.mean(shares))
+    return float(np.mean(shares)) if shares else float("nan")
 
 
 def paraphrase_agreement(encoder: Encoder, captions: CaptionSet) -> float:
     """Mean cosine between a held-out wording and the first wording of its concept."""
     held = captions.held_out
+    if not held:
+        return float("nan")
     own = encoder.encode_text([caption.text for caption in held])
     first = encoder.encode_text([captions.concepts[caption.concepts[0]].phrases[0] for caption in held])
     return float((own * first).sum(1).mean())
@@ -160,6 +166,8 @@ def evaluate_encoder(
     features = encoder.encode_state(motions.observations) if features is None else features
     truths = motions.truths.astype(np.float32)
     held = [caption for caption in captions.held_out if (truths[:, caption.concepts[0]] > _TRUE).sum() >= 5]
+    if not held:
+        raise ValueError("The held-out motions fulfil none of the held-out captions; make more motions.")
     similarity = features @ encoder.encode_text([caption.text for caption in held]).T
     truth = captions.truth(held, truths)
     firsts = [(concept.phrases[0], index) for index, concept in enumerate(captions.concepts)]

@@ -25,6 +25,8 @@ class StateTower(nn.Module):
         self, mean: NDArray[np.float32], scale: NDArray[np.float32], feature_size: int, hidden: int = 512
     ) -> None:
         super().__init__()
+        self.mean: Tensor
+        self.inverse_scale: Tensor
         self.register_buffer("mean", torch.as_tensor(mean))
         self.register_buffer("inverse_scale", 1.0 / torch.as_tensor(scale))
         self.layers = nn.Sequential(

@@ -28,8 +28,8 @@ def random_camera(rng: np.random.Generator) -> Camera:
     if rng.random() < 1 / 3:
         return FRONT_CAMERA
     angle, distance = rng.uniform(-0.44, 0.44), rng.uniform(2.5, 3.6)
-    position = (distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.7, 1.5))
-    return Camera(tuple(float(value) for value in position))
+    height = float(rng.uniform(0.7, 1.5))
+    return Camera((float(distance * np.cos(angle)), float(distance * np.sin(angle)), height))
 
 
 def render_films(
@@ -124,7 +124,6 @@ def train_image_tower(
     texts = torch.from_numpy(text_features)
     progress = tqdm(total=total, initial=first * steps_per_epoch, desc="image tower")
     tower.train()
-    tower.to(memory_format=torch.channels_last)
     started = time.monotonic()
     for epoch in range(first, epochs):
         order = np.random.default_rng([seed, epoch]).permutation(len(films))
@@ -150,5 +149,4 @@ def train_image_tower(
         checkpoint.with_suffix(".tmp").replace(checkpoint)
     progress.close()
     log.info("image tower trained in %.0f s", time.monotonic() - started)
-    tower.to(memory_format=torch.contiguous_format)
     return tower.eval()

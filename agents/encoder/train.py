@@ -20,21 +20,31 @@ from tqdm import tqdm
 from agents.encoder.captions import Caption, CaptionSet, write_captions
 from agents.encoder.concepts import CONCEPTS, Concept
 from agents.encoder.dataset import MotionSet, generate, join_sets
+from agents.encoder.evaluate import evaluate_encoder
 from agents.encoder.exemplars import exemplar_concepts
+from agents.encoder.export import export_image_tower, export_towers
 from agents.encoder.networks import StateTower, TextHead
+from agents.encoder.pictures import picture_index, render_films, train_image_tower
+from agents.encoder.sanity import SanityRow, sanity_table
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN, OBSERVATION_LAYOUT
 from motion_data.authored import authored_clips
 from motion_data.clip import MotionClip
 from motion_data.deepmimic import pybullet_clips
+from rewards.bundled import WEIGHTS_FOLDER, BundledEncoder
 from rewards.minilm import load_minilm
 
 log = logging.getLogger(__name__)
+
+HELD_OUT_PICTURES = 1000
+"""Films that the image tower is measured on."""
 
 
 @dataclass(frozen=True)
 class EncoderConfig:
     """Settings of a training run of the encoder."""
 
+    only: tuple[str, ...] = ()
+    """Names of the concepts to train on, for quick trials; all of them if none is given."""
     run: Path = Path("runs/encoder")
     """Folder of the run: data, checkpoints, report."""
     seed: int = 0
@@ -188,8 +198,9 @@ class CaptionSampler:
         count = size if not len(self.pairs) else size * 3 // 4
         concepts = self.rng.permutation(np.arange(count) % len(self.singles))
         singles = [self.rng.choice(self.singles[concept]) for concept in concepts if len(self.singles[concept])]
-        pairs = self.rng.choice(self.pairs, size=size - count) if len(self.pairs) else []
-        return np.concatenate([singles, pairs]).astype(np.int64)
+        if not len(self.pairs):
+            return np.array(singles, dtype=np.int64)
+        return np.concatenate([singles, self.rng.choice(self.pairs, size=size - count)]).astype(np.int64)
 
 
 def grading_loss(similarity: Tensor, truth: Tensor, scale: Tensor, bias: Tensor) -> tuple[Tensor, Tensor]:
@@ -215,6 +226,12 @@ def grading_loss(similarity: Tensor, truth: Tensor, scale: Tensor, bias: Tensor)
     correlation = (centred * wanted).sum(0) / (centred.norm(dim=0) * spread + 1e-4)
     counts = (spread > 0.5).float()
     return pairs, ((1.0 - correlation) * counts).sum() / counts.sum().clamp(min=1.0)
+
+
+def _without_some(mask: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+    """Hides one token state in twelve, never all: the text tower must not hang on one of them."""
+    hidden = mask * (rng.random(mask.shape) > 1 / 12)
+    return np.where(hidden.sum(1, keepdims=True) > 0, hidden, mask).astype(np.float32)
 
 
 def learning_rate_at(step: int, steps: int, highest: float) -> float:
@@ -280,7 +297,7 @@ def train_towers(config: EncoderConfig, motions: MotionSet, captions: CaptionSet
         with torch.autocast("cpu", dtype=torch.bfloat16):
             text = towers.text(
                 torch.from_numpy(states[chosen, :length].astype(np.float32)),
-                torch.from_numpy(mask[chosen, :length].astype(np.float32)),
+                torch.from_numpy(_without_some(mask[chosen, :length].astype(np.float32), sampler.rng)),
             )
             state = towers.state(torch.from_numpy(observations))
         similarity = state.float() @ text.float().T
@@ -304,6 +321,11 @@ def prepare(config: EncoderConfig) -> tuple[MotionSet, CaptionSet]:
     """The motions and captions of a run."""
     clips = motion_library()
     concepts = all_concepts(clips)
+    unknown = set(config.only) - {concept.name for concept in concepts}
+    if unknown:
+        raise ValueError(f"Unknown concepts: {', '.join(sorted(unknown))}.")
+    if config.only:
+        concepts = tuple(concept for concept in concepts if concept.name in config.only)
     captions = write_captions(np.random.default_rng(config.seed + 3), config.caption_pairs, concepts=concepts)
     return make_motions(config, clips, concepts), captions
 
@@ -311,3 +333,103 @@ def prepare(config: EncoderConfig) -> tuple[MotionSet, CaptionSet]:
 def single_captions(captions: CaptionSet) -> list[Caption]:
     """The first wording of each concept."""
     return [Caption(concept.phrases[0], (index,)) for index, concept in enumerate(captions.concepts)]
+
+
+def write_card(
+    folder: Path, config: EncoderConfig, figures: dict[str, dict[str, float]], rows: list[SanityRow]
+) -> None:
+    """Writes `MODEL_CARD.md` beside the weights.
+
+    Args:
+        folder: the encoder's folder.
+        config: settings of the training.
+        figures: held-out figures of the "state" and the "image" tower.
+        rows: the sanity table.
+    """
+    names = list(figures["state"])
+    table = [
+        f"| {name} | {figures['state'][name]:.3f} | {figures['image'].get(name, float('nan')):.3f} |" for name in names
+    ]
+    sanity = [
+        f"| {row.text} | {row.matching:.2f} | {row.best_other[0]:.2f} ({row.best_other[1]}) | {row.mirrored:.2f} | "
+        f"{row.idle:.2f} | {row.fallen:.2f} |"
+        for row in rows
+    ]
+    text = (Path(__file__).parent / "model_card_template.md").read_text()
+    folder.joinpath("MODEL_CARD.md").write_text(
+        text.replace("{{figures}}", "\n".join(table))
+        .replace("{{sanity}}", "\n".join(sanity).replace("nan", "-"))
+        .replace("{{cosine}}", f"{figures['image']['cosine with state projection']:.3f}")
+        .replace("{{seed}}", str(config.seed))
+        .replace("{{steps}}", str(config.steps))
+        .replace("{{feature_size}}", str(config.feature_size))
+        .replace("{{image_motions}}", str(config.image_motions))
+        .replace("{{image_size}}", str(config.image_size))
+    )
+
+
+def train(config: EncoderConfig) -> int:
+    """Trains the bundled encoder and writes its files and model card.
+
+    A run that was stopped goes on from its last checkpoint.
+
+    Args:
+        config: settings.
+
+    Returns:
+        0.
+    """
+    torch.set_num_threads(config.threads)
+    out = WEIGHTS_FOLDER if config.out is None else config.out
+    config.run.mkdir(parents=True, exist_ok=True)
+    motions, captions = prepare(config)
+    towers = train_towers(config, motions, captions, config.run / "tokens.npz")
+    trained_on = f"{len(motions)} short motions, {len(captions.training)} captions by rules, seed {config.seed}"
+    export_towers(out, towers.state, towers.text, config.feature_size, trained_on)
+    rng = np.random.default_rng(config.seed + 4)
+    index = picture_index(motions, config.image_motions, rng)
+    films = render_films(motions.films[index], config.image_size, rng, config.run / "films.npy")
+    with torch.no_grad():
+        features = towers.state(torch.from_numpy(motions.observations[index])).numpy()
+    # The files are read back, so that what is measured is what a user gets.
+    encoder = BundledEncoder(out, cache="")
+    text_features = encoder.encode_text([concept.phrases[0] for concept in captions.concepts])
+    image = train_image_tower(
+        films,
+        features,
+        text_features,
+        config.run / "image_tower.pt",
+        config.image_epochs,
+        config.image_batch,
+        config.learning_rate,
+        config.seed,
+    )
+    export_image_tower(out, image, config.image_size, config.feature_size, f"{len(films)} films of 4 frames")
+    figures, rows = measure(config, encoder, captions)
+    write_card(out, config, figures, rows)
+    for tower, values in figures.items():
+        for name, value in values.items():
+            print(f"{tower:6s} {name:32s} {value:.3f}")
+    return 0
+
+
+def measure(
+    config: EncoderConfig, encoder: BundledEncoder, captions: CaptionSet
+) -> tuple[dict[str, dict[str, float]], list[SanityRow]]:
+    """Figures of both towers on motions of another seed, and the sanity table."""
+    clips = motion_library()
+    rng = np.random.default_rng(config.seed + 1000)
+    tracks = max(8, config.tracks // 2)
+    held = join_sets(list(generate(clips, captions.concepts, rng, 1, tracks, config.per_track)))
+    figures = {"state": evaluate_encoder(encoder, held, captions, rng)}
+    drawn = held.take(picture_index(held, min(HELD_OUT_PICTURES, len(held)), rng))
+    # 224 pixels as an environment draws them, in portions that fit into memory
+    parts = np.array_split(np.arange(len(drawn)), len(drawn) // 250 + 1)
+    feature = np.concatenate(
+        [encoder.encode_image(render_films(drawn.films[part], 224, rng, front=True)) for part in parts]
+    )
+    cosine = (feature * encoder.encode_state(drawn.observations)).sum(1)
+    figures["image"] = evaluate_encoder(encoder, drawn, captions, rng, feature)
+    figures["image"]["cosine with state projection"] = float(cosine.mean())
+    rows = sanity_table(encoder, [clip for clip in clips if not clip.name.endswith("_mirrored")], rng)
+    return figures, rows

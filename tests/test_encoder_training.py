@@ -1,0 +1,80 @@
+"""A tiny training of the encoder, from motions to files that load, and that goes on where it stopped."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+
+from agents.encoder.dataset import MotionSet, smooth_path
+from agents.encoder.train import EncoderConfig, grading_loss, motion_library, train
+from motion_data.skeleton import rest_qpos
+from rewards.bundled import BundledEncoder
+
+TINY = {
+    "only": ("arms_up", "arms_down", "squat", "legs_straight", "arm_up.right", "arm_up.left", "stand_still"),
+    "rounds": 1,
+    "tracks": 8,
+    "per_track": 8,
+    "caption_pairs": 4,
+    "feature_size": 16,
+    "state_batch": 64,
+    "caption_batch": 32,
+    "steps": 60,
+    "image_motions": 24,
+    "image_epochs": 1,
+    "image_batch": 8,
+}
+
+
+def test_a_tiny_training_writes_an_encoder_that_loads(tmp_path, monkeypatch):
+    monkeypatch.setattr("agents.encoder.train.HELD_OUT_PICTURES", 150)
+    config = EncoderConfig(run=tmp_path / "run", out=tmp_path / "weights", **TINY)
+    assert train(config) == 0
+    encoder = BundledEncoder(tmp_path / "weights", cache="")
+    assert encoder.feature_size == 16
+    motions = MotionSet.load(tmp_path / "run" / "motions.npz")
+    assert np.isfinite(motions.observations).all()
+    assert (motions.truths >= 0).all() and (motions.truths <= 1).all()
+    assert set(motions.sources.tolist()) >= {0, 1, 2, 3}
+    features = encoder.encode_state(motions.observations)
+    similarity = features @ encoder.encode_text(["raise both arms above the head"])[0]
+    grade = motions.truths[:, TINY["only"].index("arms_up")].astype(np.float32)
+    assert np.corrcoef(similarity, grade)[0, 1] > 0.5
+    card = (tmp_path / "weights" / "MODEL_CARD.md").read_text()
+    assert "{{" not in card and "recall@1" in card
+    # Every stage is done: a second call trains nothing and writes the same files.
+    before = (tmp_path / "weights" / "state_projection.onnx").read_bytes()
+    assert train(config) == 0
+    assert (tmp_path / "weights" / "state_projection.onnx").read_bytes() == before
+
+
+def test_unknown_concepts_are_named(tmp_path):
+    with pytest.raises(ValueError, match="juggle"):
+        train(EncoderConfig(run=tmp_path, only=("juggle",)))
+
+
+def test_grading_loss_is_least_for_similarities_that_grade():
+    generator = torch.Generator().manual_seed(0)
+    truth = torch.rand(200, 7, generator=generator)
+    good = sum(grading_loss((truth - 0.5) * 0.8, truth, torch.tensor(5.0), torch.tensor(0.0)))
+    bad = sum(grading_loss((0.5 - truth) * 0.8, truth, torch.tensor(5.0), torch.tensor(0.0)))
+    none = sum(grading_loss(torch.zeros(200, 7), truth, torch.tensor(5.0), torch.tensor(0.0)))
+    assert good < none < bad
+
+
+def test_random_paths_stay_between_their_poses():
+    rng = np.random.default_rng(0)
+    path = smooth_path(rng, 90, lambda count: rng.uniform(-1, 1, (count, 4)), (0.3, 0.6))
+    assert path.shape == (90, 4)
+    assert np.abs(path).max() <= 1.0
+    assert np.abs(np.diff(path, axis=0)).max() < 0.6
+
+
+def test_the_library_holds_every_clip_and_its_mirror_image_once():
+    clips = motion_library()
+    names = [clip.name for clip in clips]
+    assert len(set(names)) == len(names)
+    assert "walk_mirrored" in names and "kick_left" in names and "kick_left_mirrored" not in names
+    assert all(clip.qpos.shape[1] == len(rest_qpos()) for clip in clips)
