@@ -4,7 +4,7 @@ import logging
 import os
 from collections import Counter
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +106,7 @@ class MotionLibrary:
             imported: Folder of clips that the user imported; :func:`imports_folder` if None.
         """
         try:
-            clips = pybullet_clips()
+            clips = list(_mocap_clips())
         except ModuleNotFoundError as error:
             _LOG.warning("The library has no mocap clips: %s", error)
             clips = []
@@ -116,6 +116,12 @@ class MotionLibrary:
         if mirrored:
             clips += _missing_mirrors(clips)
         return cls(clips)
+
+
+@cache
+def _mocap_clips() -> tuple[MotionClip, ...]:
+    """The clips of pybullet; retargeting takes two seconds, so once per process is enough."""
+    return tuple(pybullet_clips())
 
 
 def _missing_mirrors(clips: Sequence[MotionClip]) -> list[MotionClip]:

@@ -8,7 +8,7 @@ import pytest
 
 from motion_data.authored import authored_clips
 from motion_data.clip import MotionClip
-from motion_data.library import MotionLibrary
+from motion_data.library import MotionLibrary, _mocap_clips
 from motion_data.skeleton import joint_limits, kinematics, rest_qpos
 
 
@@ -67,6 +67,7 @@ def test_mocap_feet_are_on_the_floor(library):
 
 
 def test_without_pybullet_it_warns_with_the_remedy(monkeypatch, tmp_path, caplog):
+    _mocap_clips.cache_clear()
     monkeypatch.setattr("motion_data.deepmimic.importlib.util.find_spec", lambda name: None)
     with caplog.at_level(logging.WARNING):
         library = MotionLibrary.default(imported=tmp_path)
