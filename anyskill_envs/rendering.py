@@ -180,6 +180,9 @@ class HumanoidRenderer:
         self.model.vis.quality.offsamples = 4 if preset == "video" else 0
         if preset == "clip_fast":
             self.model.vis.quality.shadowsize = 0
+        else:
+            self.model.vis.quality.shadowsize = 4096
+            self.model.stat.extent = 3.0  # metres that the shadow map covers; less leaves seams on the floor
         self._data = mujoco.MjData(self.model)
         self._context: Any = None
         self._drawing: Any = None
@@ -241,6 +244,8 @@ class HumanoidRenderer:
             mujoco.mjtCatBit.mjCAT_ALL.value,
             self._scene,
         )
+        for index in range(self._scene.nlight):  # shadows are drawn around a light: it walks along
+            self._scene.lights[index].pos[:2] += qpos[:2].astype(np.float32)
         viewport = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_render(viewport, self._scene, self._drawing)
         picture = np.empty((self.height, self.width, 3), dtype=np.uint8)
