@@ -52,8 +52,11 @@ _EXTRA = {
 _Y_UP = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], float)  # our x, y, z (forward, left, up) to theirs
 
 
-def write_bvh(path, clip, names=MIXAMO, order="ZXY", up="y", unit=100.0, skip=()):
-    """Writes the clip; ``unit`` is the file's units per metre, ``order`` that of the rotation channels."""
+def write_bvh(path, clip, names=MIXAMO, order="ZXY", up="y", unit=100.0, skip=(), twisted=False):
+    """Writes the clip; ``unit`` is the file's units per metre, ``order`` that of the rotation channels.
+
+    ``twisted`` gives every joint axes of its own, so that the pose with all angles zero is no standing pose (as in LaFAN).
+    """
     model = load_model()
     axes = _Y_UP if up == "y" else np.eye(3)
     pose = kinematics(clip.qpos)
@@ -71,6 +74,13 @@ def write_bvh(path, clip, names=MIXAMO, order="ZXY", up="y", unit=100.0, skip=()
         if name not in skip:
             children.setdefault(parent, []).append(name)
             offsets[name], local[name] = axes @ np.array(offset, float), np.tile(np.eye(3), (len(clip), 1, 1))
+    if twisted:
+        bases = dict(zip(offsets, Rotation.random(len(offsets), rng=np.random.default_rng(0)).as_matrix(), strict=True))
+        parent_of = {child: parent for parent, names_below in children.items() for child in names_below}
+        for name in offsets:
+            above = bases[parent_of[name]] if name in parent_of else np.eye(3)
+            offsets[name] = above.T @ offsets[name]
+            local[name] = above.T @ local[name] @ bases[name]
     lines, columns = ["HIERARCHY"], []
 
     def write(name, depth):

@@ -25,6 +25,8 @@ def body_error(clip, other):
         ("kick_left", {"order": "XYZ", "unit": 1.0}),
         ("deep_bow", {"names": UNREAL, "up": "z", "order": "YZX"}),
         ("slow_walk", {"names": UNREAL, "unit": 39.37, "skip": ("right_toe", "left_toe")}),
+        ("side_lunge_left", {"twisted": True}),
+        ("throw", {"twisted": True, "names": UNREAL, "skip": ("right_toe", "left_toe")}),
     ],
 )
 def test_a_clip_written_as_bvh_comes_back(tmp_path, name, options):
