@@ -50,10 +50,10 @@ class ControllerTraining:
     """Also learn backflip, cartwheel, roll, spin and spinkick; they cost the other clips training time."""
     teacher_minutes: float = 60.0
     """Minutes for the tracking policy."""
-    distill_minutes: float = 25.0
+    distill_minutes: float = 30.0
     """Minutes for the distillation."""
-    finetune_minutes: float = 15.0
-    """Minutes for fine-tuning under random latents and pushes; 0 leaves it out."""
+    finetune_minutes: float = 0.0
+    """Minutes for fine-tuning under random latents and pushes; experimental, see the model card."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 0

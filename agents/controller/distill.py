@@ -42,7 +42,7 @@ class DistillConfig:
     """Controller steps between learning."""
     buffer_rollouts: int = 60
     """How many of the last rollouts are learned from."""
-    gradient_steps: int = 10
+    gradient_steps: int = 24
     """Gradient steps per rollout."""
     batch: int = 4096
     """Samples per gradient step; half of them mirrored."""
@@ -61,7 +61,9 @@ class DistillConfig:
     threads: int = 0
     """Threads for physics and learning; 0 for one per CPU."""
     tracking: TrackingConfig = field(
-        default_factory=lambda: TrackingConfig(failure_distance=0.5, episode_steps=300, push_probability=0.005)
+        default_factory=lambda: TrackingConfig(
+            failure_distance=0.5, episode_steps=300, push_probability=0.005, mean_holds=(3, 5, 5, 15, 60)
+        )
     )
     """How episodes run."""
 
