@@ -22,7 +22,7 @@ from agents.text.report import plot_curve, similarity_ends
 from agents.text.run_folder import RunFolder, slug, write_whole
 from agents.text.search import SETTLE_DECISIONS, Earnings, search
 from agents.text.train import make_environment, make_model, search_start, train
-from agents.text.warm_start import policy_reward, warm_start
+from agents.text.warm_start import policy_earnings, warm_start
 from motion_data.skeleton import joint_index, rest_qpos
 
 TEXT = "raise both arms above the head"
@@ -274,7 +274,7 @@ def directions(count):
 
 
 def find(wanted, latents, names, seed=0):
-    return search(TargetEnv(32, *wanted), latents, names, 0.5, np.random.default_rng(seed))
+    return search(TargetEnv(128, *wanted), latents, names, 0.5, np.random.default_rng(seed))
 
 
 HELD_LATENTS = directions(40)
@@ -284,9 +284,9 @@ BETWEEN = (HELD_LATENTS[17] + 0.6 * HELD_LATENTS[30]) / np.linalg.norm(HELD_LATE
 
 def test_the_search_improves_on_the_best_of_the_library():
     result = find([BETWEEN], HELD_LATENTS, HELD_NAMES)
-    assert result.played is None
     assert np.linalg.norm(result.held.latents) == pytest.approx(1, abs=1e-5)
-    assert result.held.name == next(iter(result.library_rewards)) == "clip_17"
+    assert next(iter(result.library_rewards)) == "clip_17"
+    assert "clip_17" in result.held.name
     assert result.held.reward == pytest.approx(float(result.held.latents[0] @ BETWEEN), abs=1e-5)
     assert result.held.reward > result.library_rewards["clip_17"] + 0.03
     assert all(later >= earlier for earlier, later in zip(result.curve, result.curve[1:], strict=False))
@@ -298,6 +298,12 @@ def test_the_search_finds_the_clip_whose_rhythm_earns_most():
     result = find(wanted, latents, [*HELD_NAMES, "wave", "wave"])
     assert result.played.name == "wave"
     assert result.played.reward > 0.95 > result.held.reward + 0.2
+
+
+def test_the_search_finds_a_rhythm_that_no_clip_has():
+    result = find(HELD_LATENTS[[5, 9]], HELD_LATENTS, HELD_NAMES)
+    assert {"clip_5", "clip_9"} <= set(result.played.name.split(" + "))
+    assert result.played.reward > result.held.reward + 0.1
 
 
 def test_the_search_repeats_itself_for_the_same_seed():
@@ -314,6 +320,7 @@ def test_a_fall_costs_the_bonus_from_then_on():
     earnings.add(np.array([-0.2, -0.2]), np.array([True, False]))
     earnings.add(np.array([-0.2, -0.2]), no)
     np.testing.assert_allclose(earnings.means(), [-0.35, -0.2])
+    assert earnings.mean_while_up == pytest.approx(-0.2)
 
 
 def test_the_bonus_is_for_decisions_without_a_fall(tmp_path, controller_file):
@@ -371,7 +378,7 @@ def test_a_policy_starts_from_a_played_clip_by_imitation():
     report = warm_start(model, env, latents, np.array([*HELD_NAMES, "wave", "wave"]), 0.5, seed=0)
     assert report["start"] == "played"
     assert report["played"]["clip"] == "wave"
-    assert policy_reward(env, model, 0.5, np.random.default_rng(1)) > 0.95
+    assert policy_earnings(env, model, 0.5, np.random.default_rng(1)).means().mean() > 0.95
     # Adam has not moved yet: PPO starts fresh
     assert not model.policy.optimizer.state_dict()["state"]
 
@@ -382,7 +389,6 @@ def test_the_real_environment_can_be_searched(tmp_path, controller_file):
     report = search_start(config, make_model(config, env))
     assert set(report["best_of_library"]) == {"walk", "idle", "wave_right", "squat"}
     assert report["start"] in ("held", "played")
-    assert report["reward"] >= report["held"]["reward"]
 
 
 def test_episodes_are_recorded_at_controller_rate_and_repeat_themselves(controller_file):

@@ -2,10 +2,10 @@
 
 A policy over unit latents that starts from nothing plays a random direction at every decision, and most of its first
 minutes go into finding out that the motion library's own latents are the sensible ones. The search tries those first.
-A candidate is a sequence of latents that is played over and over, one per decision: a single latent that is held, or
-all latents of a clip. Every humanoid of the batch plays one candidate for some seconds; the best are kept, varied and
-mixed for a few rounds (a cross-entropy search, Rubinstein 1999). The policy then starts from the winner, and PPO makes
-it depend on the state and improves it. Only the environment's reward is used.
+A candidate is a sequence of latents that is played over and over, one per decision: a single latent that is held, two
+that alternate, or all latents of a clip. Every humanoid of the batch plays one candidate for some seconds; the best are
+kept, varied and mixed for a few rounds (a cross-entropy search, Rubinstein 1999). The policy then starts from the winner,
+and PPO makes it depend on the state and improves it. Only the environment's reward is used.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ FloatArray = NDArray[np.float32]
 
 TRIAL_DECISIONS = 30
 """Decisions (1/6 s) for which a candidate is played: 5 s."""
+LONG_TRIAL_DECISIONS = 60
+"""Decisions for which a candidate that did well is played again: 10 s, a whole episode."""
 SETTLE_DECISIONS = 9
 """Decisions at the start that do not count: 1.5 s for getting from standing into the motion."""
 HELD_CANDIDATES = 384
@@ -39,7 +41,7 @@ class Candidate:
 
     Attributes:
         latents: The sequence; a held latent has L = 1.
-        name: The library clip that it descends from.
+        name: The library clips that it descends from.
         rewards: Mean reward per decision of each trial.
     """
 
@@ -68,7 +70,7 @@ class SearchResult:
 
     Attributes:
         held: The best candidate with a single latent.
-        played: The best candidate with a sequence of latents; None if the library has no clip of more than one latent.
+        played: The best candidate with a sequence of latents; None if there was none.
         library_rewards: Name of each library clip and its best reward before any variation, best first.
         tried: How many candidates were tried.
         curve: Best mean reward after the library was tried, and after each round.
@@ -119,14 +121,21 @@ class Earnings:
         self.alive = np.ones(count, bool)
         self._alive_bonus = alive_bonus
         self._sums = np.zeros(count)
+        self._rewards_while_up: list[float] = []
         self._decisions = 0
 
     def add(self, reward: NDArray[np.floating], terminated: NDArray[np.bool_]) -> None:
         """Counts one decision: rewards and terminations `(n,)`."""
         if self._decisions >= SETTLE_DECISIONS:
             self._sums += np.where(self.alive, reward, -self._alive_bonus)
+            self._rewards_while_up += np.asarray(reward)[self.alive].tolist()
         self._decisions += 1
         self.alive &= ~terminated
+
+    @property
+    def mean_while_up(self) -> float:
+        """Mean over all humanoids and the decisions before their falls."""
+        return float(np.mean(self._rewards_while_up)) if self._rewards_while_up else -np.inf
 
     def means(self) -> NDArray[np.float64]:
         """Mean per decision, `(n,)`."""
@@ -134,7 +143,11 @@ class Earnings:
 
 
 def try_candidates(
-    env: VectorEnv, candidates: Sequence[Candidate], alive_bonus: float, rng: np.random.Generator
+    env: VectorEnv,
+    candidates: Sequence[Candidate],
+    alive_bonus: float,
+    rng: np.random.Generator,
+    decisions: int = TRIAL_DECISIONS,
 ) -> None:
     """Plays each candidate once from a standing start and adds what it earned to its rewards.
 
@@ -143,14 +156,15 @@ def try_candidates(
         candidates: Any number; they are played n at a time.
         alive_bonus: See :class:`Earnings`.
         rng: Draws the seeds of the start states.
+        decisions: Length of the trial.
     """
     for start in range(0, len(candidates), env.num_envs):
         chosen = candidates[start : start + env.num_envs]
         # the humanoids that are left over repeat the first ones
-        plans = np.stack([chosen[i % len(chosen)].unrolled(TRIAL_DECISIONS) for i in range(env.num_envs)])
+        plans = np.stack([chosen[i % len(chosen)].unrolled(decisions) for i in range(env.num_envs)])
         env.reset(seed=int(rng.integers(2**31)))
         earnings = Earnings(env.num_envs, alive_bonus)
-        for decision in range(TRIAL_DECISIONS):
+        for decision in range(decisions):
             _, reward, terminated, _, _ = env.step(plans[:, decision])
             earnings.add(reward, terminated)
         for candidate, earned in zip(chosen, earnings.means(), strict=False):
@@ -158,15 +172,21 @@ def try_candidates(
 
 
 def vary(elite: Sequence[Candidate], rng: np.random.Generator) -> Candidate:
-    """A new candidate near one of the elite, or between two of them if both are held."""
+    """A new candidate from one or two of the elite.
+
+    Two held latents are mixed, or alternate, each held for one to three decisions: a rhythm that no held latent has, such
+    as that of waving. Anything else is one of the elite. A small random offset, the same for the whole sequence, is added.
+    """
     first, second = (elite[index] for index in rng.integers(len(elite), size=2))
-    parent, name = first.latents, first.name
+    latents, name = first.latents, first.name
     if first.held and second.held:
-        mix = rng.uniform()
-        parent = unit(mix * first.latents + (1 - mix) * second.latents + 1e-6)
-        name = first.name if mix >= 0.5 else second.name
-    # one offset for the whole sequence: its rhythm stays
-    return Candidate(unit(parent + rng.normal(0.0, SPREAD, parent.shape[1])), name)
+        name = name if second.name == name else f"{name} + {second.name}"
+        if rng.uniform() < 0.5:
+            mix = rng.uniform()
+            latents = unit(mix * first.latents + (1 - mix) * second.latents + 1e-6)
+        else:
+            latents = np.repeat(np.concatenate([first.latents, second.latents]), rng.integers(1, 4), axis=0)
+    return Candidate(unit(latents + rng.normal(0.0, SPREAD, latents.shape[1])), name)
 
 
 def best(candidates: Sequence[Candidate], count: int, trials: int = 1) -> list[Candidate]:
@@ -204,7 +224,8 @@ def search(
     started = time.monotonic()
     library = library_candidates(latents, names)
     try_candidates(env, library, alive_bonus, rng)
-    try_candidates(env, best(library, env.num_envs), alive_bonus, rng)  # a second trial, so that luck does not win
+    # a second, longer trial, so that neither luck nor a late fall wins
+    try_candidates(env, best(library, env.num_envs), alive_bonus, rng, LONG_TRIAL_DECISIONS)
     library_rewards: dict[str, float] = {}
     for candidate in best(library, len(library)):
         library_rewards.setdefault(candidate.name, candidate.reward)
@@ -214,10 +235,11 @@ def search(
         if time.monotonic() - started > seconds:
             break
         elite = best(population, ELITE, trials=2)
-        children = [vary(elite, rng) for _ in range(max(env.num_envs - ELITE, ELITE))]
-        try_candidates(env, elite + children, alive_bonus, rng)
+        children = [vary(elite, rng) for _ in range(env.num_envs)]
+        try_candidates(env, children, alive_bonus, rng)
         population += children
-        try_candidates(env, best(children, ELITE), alive_bonus, rng)
+        again = elite + best(children, max(env.num_envs - ELITE, 1))
+        try_candidates(env, again, alive_bonus, rng, LONG_TRIAL_DECISIONS)
         curve.append(best(population, 1, trials=2)[0].reward)
     ranking = best(population, len(population), trials=2)
     played = [candidate for candidate in ranking if not candidate.held]

@@ -10,14 +10,18 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 
-from agents.text.search import TRIAL_DECISIONS, Candidate, Earnings, search, summary
+from agents.text.search import LONG_TRIAL_DECISIONS, Candidate, Earnings, search, summary
 
 FloatArray = NDArray[np.float32]
 
 IMITATION_EPISODE = 60
 """Decisions of an episode that is imitated: 10 s."""
-IMITATION_STEPS = 400
+IMITATION_SHARES = (0.0, 0.5, 0.8)
+"""Share of the decisions that the policy takes itself in each round of imitation."""
+IMITATION_STEPS = 300
 IMITATION_BATCH = 512
+MOST_FALLS = 0.5
+"""Share of episodes with a fall up to which a policy starts from an imitation."""
 
 
 def hold(model: PPO, latent: FloatArray) -> None:
@@ -27,30 +31,33 @@ def hold(model: PPO, latent: FloatArray) -> None:
 
 
 def record(
-    env: VectorEnv, candidate: Candidate, noise: float, rng: np.random.Generator
+    env: VectorEnv, candidate: Candidate, model: PPO, share: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Plays a candidate on every humanoid, each with noise of its own on the latents.
+    """Plays a candidate on every humanoid, with noise on the latents and with some decisions taken by the policy.
 
-    The noise makes states around the motion known, from which the imitating policy then finds back.
+    Both make states around the motion known, from which the imitating policy then finds back (DAgger, Ross et al. 2011).
 
     Args:
         env: A latent environment of n humanoids.
         candidate: What to play.
-        noise: Standard deviation of the noise in each number of the latent.
-        rng: Draws noise and start states.
+        model: The policy; the noise is that of its exploration.
+        share: Share of the decisions that the policy takes.
+        rng: Draws noise, decisions and start states.
 
     Returns:
-        Observations `(k, 223)` and the latents without noise `(k, 64)` that were meant there, those of terminated
-        humanoids left out.
+        Observations `(k, 223)` and the candidate's latents `(k, 64)` at these times, terminated humanoids left out.
     """
+    noise = float(model.policy.log_std.detach().exp().mean())
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
     alive = np.ones(env.num_envs, bool)
     observations, latents = [], []
     for latent in candidate.unrolled(IMITATION_EPISODE):
         observations.append(observation[alive])
         latents.append(np.tile(latent, (int(alive.sum()), 1)))
-        actions = latent + rng.normal(0.0, noise, (env.num_envs, len(latent))).astype(np.float32)
-        observation, _, terminated, _, _ = env.step(np.clip(actions, -1.0, 1.0))
+        own, _ = model.predict(observation, deterministic=True)
+        actions = np.where(rng.uniform(size=(env.num_envs, 1)) < share, own, latent)
+        actions = actions + rng.normal(0.0, noise, actions.shape)
+        observation, _, terminated, _, _ = env.step(np.clip(actions, -1.0, 1.0).astype(np.float32))
         alive &= ~terminated
         if not alive.any():
             break
@@ -84,15 +91,15 @@ def imitate(model: PPO, observations: FloatArray, latents: FloatArray, rng: np.r
     return float(np.mean(errors[-IMITATION_STEPS // 10 :]))
 
 
-def policy_reward(env: VectorEnv, model: PPO, alive_bonus: float, rng: np.random.Generator) -> float:
-    """Mean reward per decision of the deterministic policy, counted as the search counts it."""
+def policy_earnings(env: VectorEnv, model: PPO, alive_bonus: float, rng: np.random.Generator) -> Earnings:
+    """What the deterministic policy earns in a whole episode, counted as the search counts it."""
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
     earnings = Earnings(env.num_envs, alive_bonus)
-    for _ in range(TRIAL_DECISIONS):
+    for _ in range(LONG_TRIAL_DECISIONS):
         action, _ = model.predict(observation, deterministic=True)
         observation, reward, terminated, _, _ = env.step(action)
         earnings.add(reward, terminated)
-    return float(earnings.means().mean())
+    return earnings
 
 
 def warm_start(
@@ -106,8 +113,9 @@ def warm_start(
 ) -> dict[str, Any]:
     """Lets a policy start from what the search finds.
 
-    A played clip that earns more than the best held latent is imitated; if the imitation earns less after all, the
-    policy holds the latent.
+    A sequence that earns more than the best held latent is imitated. If the imitation then earns less than the held
+    latent while it is up, or falls in more than half of the episodes, the policy holds the latent after all. A few falls
+    do not count against it: PPO unlearns them sooner than it would find the motion.
 
     Args:
         model: An untrained model.
@@ -127,13 +135,17 @@ def warm_start(
     start, reward = "held", result.held.reward
     untrained = {name: value.clone() for name, value in model.policy.state_dict().items()}
     if result.played is not None and result.played.reward > result.held.reward:
-        noise = float(model.policy.log_std.detach().exp().mean())
-        observations, wanted = record(env, result.played, noise, rng)
-        error = imitate(model, observations, wanted, rng)
-        imitated = policy_reward(env, model, alive_bonus, rng)
-        report["imitation"] = {"reward": imitated, "squared_error": error}
-        if imitated > result.held.reward:
-            start, reward = "played", imitated
+        recorded: list[tuple[FloatArray, FloatArray]] = []
+        error = np.inf
+        for share in IMITATION_SHARES:
+            recorded.append(record(env, result.played, model, share, rng))
+            observations, wanted = (np.concatenate(arrays) for arrays in zip(*recorded, strict=True))
+            error = imitate(model, observations, wanted, rng)
+        imitated = policy_earnings(env, model, alive_bonus, rng)
+        falls = float(1.0 - imitated.alive.mean())
+        report["imitation"] = {"reward_while_up": imitated.mean_while_up, "falls": falls, "squared_error": error}
+        if imitated.mean_while_up > result.held.reward and falls <= MOST_FALLS:
+            start, reward = "played", float(imitated.means().mean())
         else:
             model.policy.load_state_dict(untrained)
     if start == "held":
