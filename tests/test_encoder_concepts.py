@@ -64,7 +64,10 @@ def test_a_fallen_body_raises_no_arms():
 
 def test_waving_needs_a_moving_hand():
     swinging = np.stack(
-        [posed(right_shoulder_x=-112, right_shoulder_z=-90, right_elbow=-60 + 40 * np.sin(frame)) for frame in range(WINDOW)]
+        [
+            posed(right_shoulder_x=-112, right_shoulder_z=-90, right_elbow=-60 + 40 * np.sin(frame))
+            for frame in range(WINDOW)
+        ]
     )
     held = still(posed(right_shoulder_x=-112, right_shoulder_z=-90, right_elbow=-60))
     assert truth("wave.right", swinging) > 0.9
@@ -74,9 +77,7 @@ def test_waving_needs_a_moving_hand():
 
 def test_walking_needs_travel_in_the_direction_faced():
     stride = np.stack(
-        [
-            posed(left_hip_y=-25 * np.sin(frame / 3), right_hip_y=25 * np.sin(frame / 3)) for frame in range(WINDOW)
-        ]
+        [posed(left_hip_y=-25 * np.sin(frame / 3), right_hip_y=25 * np.sin(frame / 3)) for frame in range(WINDOW)]
     )
     forward, backward = stride.copy(), stride.copy()
     forward[:, 0] = np.arange(WINDOW) / 30 * 1.2
