@@ -29,6 +29,8 @@ SETTLE_DECISIONS = 9
 """Decisions at the start that do not count: 1.5 s for getting from standing into the motion."""
 HELD_CANDIDATES = 384
 """Latents of the motion library that are tried at most, each held."""
+ENTRIES = 4
+"""Moments of a clip at which playing it may begin."""
 ELITE = 12
 """Candidates that survive a round."""
 SPREAD = 0.04
@@ -103,7 +105,12 @@ def library_candidates(latents: FloatArray, names: Sequence[str] | NDArray[np.st
     names = np.asarray(names)
     chosen = np.unique(np.linspace(0, len(latents) - 1, HELD_CANDIDATES).round().astype(int))
     held = [Candidate(unit(latents[[index]]), str(names[index])) for index in chosen]
-    played = [Candidate(unit(latents[names == name]), str(name)) for name in dict.fromkeys(names.tolist())]
+    # A clip is entered at several moments: from a stand, a stride that begins with the free leg is easier than another.
+    played = [
+        Candidate(unit(np.roll(latents[names == name], -shift, axis=0)), str(name))
+        for name, count in zip(*np.unique(names, return_counts=True), strict=True)
+        for shift in sorted({int(count * quarter / ENTRIES) for quarter in range(ENTRIES)})
+    ]
     return held + [candidate for candidate in played if not candidate.held]
 
 
