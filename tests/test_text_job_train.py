@@ -12,7 +12,9 @@ from gymnasium.spaces import Box
 from gymnasium.vector.utils import batch_space
 from stable_baselines3 import PPO
 
+from agents.sb3 import VectorEnvAdapter
 from agents.text import checks
+from agents.text.clock import CLOCK_SIZE, ClockedPolicy, with_clock
 from agents.text.config import TrainConfig
 from agents.text.evaluate import judge, run_episodes
 from agents.text.export import OnnxPolicy, parity_error
@@ -21,6 +23,7 @@ from agents.text.play import play
 from agents.text.report import plot_curve, similarity_ends
 from agents.text.run_folder import RunFolder, slug, write_whole
 from agents.text.search import SETTLE_DECISIONS, Earnings, search
+from agents.text.shaping import EpisodeClock
 from agents.text.train import make_environment, make_model, search_start, train
 from agents.text.warm_start import policy_earnings, warm_start
 from motion_data.skeleton import joint_index, rest_qpos
@@ -77,7 +80,7 @@ def test_the_video_can_be_read_and_is_as_long_as_the_episode(finished):
 def test_the_exported_policy_acts_as_the_model(finished):
     folder, config = finished
     model = PPO.load(folder.policy)
-    observations = np.random.default_rng(0).normal(0, 3, (50, 223)).astype(np.float32)
+    observations = np.random.default_rng(0).normal(0, 3, (50, 283)).astype(np.float32)
     assert parity_error(model, folder.onnx, observations) <= 1e-5
     for count in (1, 7):  # any batch size
         assert OnnxPolicy(folder.onnx)(observations[:count]).shape == (count, 64)
@@ -91,7 +94,7 @@ def test_an_exported_policy_that_differs_is_refused(finished):
     folder, config = finished
     other = make_model(dataclasses.replace(config, seed=5, batch_size=32), make_environment(config, 2))
     with pytest.raises(RuntimeError, match="differs"):
-        parity_error(other, folder.onnx, np.ones((3, 223), np.float32))
+        parity_error(other, folder.onnx, np.ones((3, 283), np.float32))
 
 
 def test_a_file_that_is_no_policy_is_refused(tmp_path, controller_file):
@@ -335,6 +338,28 @@ def test_the_bonus_is_for_decisions_without_a_fall(tmp_path, controller_file):
         np.testing.assert_allclose(rewards, 0.2 * (np.array(own) + np.where(fell, 0.0, 3.0)), atol=1e-5)
 
 
+def test_the_clock_runs_with_each_episode(tmp_path, controller_file):
+    env = make_environment(small_config(tmp_path, controller_file), 2)
+    env.seed(0)
+    times = [env.reset()[:, -CLOCK_SIZE:].argmax(1)]
+    for _ in range(61):
+        observation, _, dones, infos = env.step(np.zeros((2, 64), np.float32))
+        times.append(observation[:, -CLOCK_SIZE:].argmax(1))
+        for index in np.flatnonzero(dones):
+            assert infos[index]["terminal_observation"].shape == (223 + CLOCK_SIZE,)
+            assert times[-1][index] == 0
+    assert [time[0] for time in times[:4]] == [0, 1, 2, 3]
+    assert env.observation_space.contains(observation[0])
+
+
+def test_a_clocked_policy_counts_its_decisions():
+    seen = []
+    policy = ClockedPolicy(lambda observation: seen.append(observation) or observation[:, :64])
+    for _ in range(3):
+        policy(np.zeros((2, 223), np.float32))
+    assert [array[:, 223:].argmax(1).tolist() for array in seen] == [[0, 0], [1, 1], [2, 2]]
+
+
 def test_the_search_stops_when_its_time_is_over():
     env = TargetEnv(32, BETWEEN)
     result = search(env, HELD_LATENTS, HELD_NAMES, 0.5, np.random.default_rng(0), seconds=0.0)
@@ -354,10 +379,8 @@ def test_the_search_needs_latents():
 
 
 def untrained(env):
-    from agents.sb3 import VectorEnvAdapter
-
     env.metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    return PPO("MlpPolicy", VectorEnvAdapter(env), n_steps=8, batch_size=64, seed=0, device="cpu",
+    return PPO("MlpPolicy", EpisodeClock(VectorEnvAdapter(env)), n_steps=8, batch_size=64, seed=0, device="cpu",
                policy_kwargs={"log_std_init": -3.0})  # fmt: skip
 
 
@@ -365,7 +388,7 @@ def test_a_policy_starts_from_a_held_latent():
     env = TargetEnv(32, BETWEEN)
     model = untrained(env)
     report = warm_start(model, env, HELD_LATENTS, np.array(HELD_NAMES), 0.5, seed=0)
-    action, _ = model.predict(env.reset()[0], deterministic=True)
+    action, _ = model.predict(with_clock(env.reset()[0], 0), deterministic=True)
     assert report["start"] == "held"
     assert action[0] @ BETWEEN / np.linalg.norm(action[0]) == pytest.approx(report["reward"], abs=0.02)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.text.clock import CLOCK_SIZE
 from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ def file_hash(path: Path) -> str:
 def export_policy(model: PPO, path: Path, contract: dict[str, str]) -> None:
     """Writes the deterministic policy of a PPO model as ONNX.
 
-    Input `observation` float32 `(n, 223)`, output `action` float32 `(n, 64)` in [-1, 1]: the mean action, clipped,
-    which is what `model.predict(observation, deterministic=True)` returns.
+    Input `observation` float32 `(n, 283)`, proprioception and time (see `agents.text.clock`); output `action` float32
+    `(n, 64)` in [-1, 1]: the mean action, clipped, which is what `model.predict(observation, deterministic=True)` returns.
 
     Args:
         model: The trained model with an MlpPolicy.
@@ -51,7 +52,7 @@ def export_policy(model: PPO, path: Path, contract: dict[str, str]) -> None:
             self.mean = policy.action_net
 
         def forward(self, observation: torch.Tensor) -> torch.Tensor:
-            """Actions `(n, 64)` for observations `(n, 223)`."""
+            """Actions `(n, 64)` for observations `(n, 283)`."""
             return torch.clamp(self.mean(self.hidden(observation)), -1.0, 1.0)
 
     assert model.observation_space.shape is not None and model.action_space.shape is not None
@@ -75,6 +76,7 @@ def export_policy(model: PPO, path: Path, contract: dict[str, str]) -> None:
         "kind": KIND,
         "format_version": FORMAT_VERSION,
         "observation_size": str(size),
+        "clock_size": str(CLOCK_SIZE),
         "observation_layout": json.dumps({name: [p.start, p.stop] for name, p in OBSERVATION_LAYOUT.items()}),
         "action": "direction of the controller's latent; the environment scales it to unit length",
         "latent_size": str(model.action_space.shape[0]),
@@ -114,14 +116,14 @@ class OnnxPolicy:
         self.contract: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         if self.contract.get("kind") != KIND:
             raise ValueError(f"'{path}' is an ONNX file, but no text policy of this project.")
-        if self.contract["observation_size"] != str(OBSERVATION_SIZE):
+        if self.contract["observation_size"] != str(OBSERVATION_SIZE + CLOCK_SIZE):
             raise ValueError(
                 f"'{path}' takes {self.contract['observation_size']} observation numbers, this version of the "
-                f"environment gives {OBSERVATION_SIZE}; train the policy again."
+                f"environment and its clock give {OBSERVATION_SIZE + CLOCK_SIZE}; train the policy again."
             )
 
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Actions `(n, 64)` for observations `(n, 223)`."""
+        """Actions `(n, 64)` for observations with time `(n, 283)`."""
         return self._session.run(["action"], {"observation": np.asarray(observation, np.float32)})[0]
 
 
@@ -131,7 +133,7 @@ def parity_error(model: PPO, path: Path, observations: NDArray[np.float32]) -> f
     Args:
         model: The model that was exported.
         path: The ONNX file.
-        observations: `(n, 223)`, best from real episodes.
+        observations: `(n, 283)`, best from real episodes.
 
     Returns:
         The largest absolute difference.

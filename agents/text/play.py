@@ -53,11 +53,12 @@ def play(
         return 0
     import numpy as np
 
+    from agents.text.clock import ClockedPolicy
     from agents.text.evaluate import run_episodes
     from agents.text.train import environment_options
     from agents.text.video import write_video
 
-    recorded = run_episodes(policy, config.text, episodes, seed, **environment_options(config))
+    recorded = run_episodes(ClockedPolicy(policy), config.text, episodes, seed, **environment_options(config))
     qpos = np.concatenate([episode.qpos for episode in recorded])
     video.parent.mkdir(parents=True, exist_ok=True)
     write_whole(video, lambda path: write_video(path, qpos, [config.text]))
@@ -68,13 +69,15 @@ def play(
 def _show(config: TrainConfig, policy: OnnxPolicy, episodes: int, seed: int) -> None:
     import gymnasium as gym
 
+    from agents.text.clock import ClockedPolicy
     from agents.text.train import ENVIRONMENT, environment_options
 
     env = gym.make(ENVIRONMENT, text=config.text, render_mode="human", **environment_options(config))
     for episode in range(episodes):
         observation, _ = env.reset(seed=seed + episode)
+        act = ClockedPolicy(policy)
         ended = False
         while not ended:
-            observation, _, terminated, truncated, _ = env.step(policy(observation[None])[0])
+            observation, _, terminated, truncated, _ = env.step(act(observation[None])[0])
             ended = terminated or truncated
     env.close()

@@ -1,10 +1,44 @@
-"""The form in which PPO gets the reward: falling must not pay, and values are of the size of one."""
+"""The form in which PPO gets the environment: falling must not pay, values are of the size of one, time is seen."""
 
 from __future__ import annotations
 
 import numpy as np
+from gymnasium.spaces import Box
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from agents.text.clock import CLOCK_SIZE, with_clock
+
+
+class EpisodeClock(VecEnvWrapper):
+    """Appends the time to observations; see `agents.text.clock`.
+
+    Args:
+        venv: An environment with observations `(223,)`.
+    """
+
+    def __init__(self, venv: VecEnv) -> None:
+        space = venv.observation_space
+        assert isinstance(space, Box)
+        clock = np.full(CLOCK_SIZE, 10.0, np.float32)
+        low, high = np.concatenate([space.low, 0 * clock]), np.concatenate([space.high, clock])
+        super().__init__(venv, observation_space=Box(low, high, dtype=np.float32))
+        self._decisions = np.zeros(venv.num_envs, np.int64)
+
+    def reset(self) -> VecEnvObs:
+        """Start new episodes."""
+        self._decisions[:] = 0
+        return with_clock(np.asarray(self.venv.reset()), self._decisions)
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Execute the actions."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        self._decisions += 1
+        for index in np.flatnonzero(dones):
+            last = infos[index]["terminal_observation"][None]
+            infos[index]["terminal_observation"] = with_clock(last, self._decisions[index])[0]
+        self._decisions[dones] = 0
+        return with_clock(np.asarray(observations), self._decisions), rewards, dones, infos
 
 
 class ShapedReward(VecEnvWrapper):

@@ -86,10 +86,10 @@ def environment_options(config: TrainConfig) -> dict[str, Any]:
 def make_environment(config: TrainConfig, num_envs: int) -> VecEnv:
     """The environment of a run as Stable-Baselines3 wants it."""
     from agents.sb3 import make_sb3_env
-    from agents.text.shaping import ShapedReward
+    from agents.text.shaping import EpisodeClock, ShapedReward
 
     env = make_sb3_env(ENVIRONMENT, num_envs, monitor=False, text=config.text, **environment_options(config))
-    return ShapedReward(env, config.alive_bonus, config.reward_scale)
+    return ShapedReward(EpisodeClock(env), config.alive_bonus, config.reward_scale)
 
 
 def make_model(config: TrainConfig, env: VecEnv) -> PPO:
@@ -181,6 +181,7 @@ def _finish(
 ) -> dict[str, Any]:
     """Evaluates, exports and writes the report."""
     from agents.doctor import cpu_count
+    from agents.text.clock import ClockedPolicy
     from agents.text.evaluate import run_episodes, summarise
     from agents.text.export import export_policy, file_hash, parity_error
     from agents.text.report import plot_curve, similarity_ends, versions
@@ -191,12 +192,12 @@ def _finish(
     evaluation_seed = config.seed + 1_000_000
     seen: list[NDArray[np.float32]] = []
 
-    def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
+    def act(observation: NDArray[np.float32]) -> NDArray[np.float32]:
         seen.append(observation)
         return model.predict(observation, deterministic=True)[0]
 
     episodes = run_episodes(
-        policy,
+        ClockedPolicy(act),
         config.text,
         config.evaluation_episodes,
         evaluation_seed,

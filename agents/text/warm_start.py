@@ -10,13 +10,14 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 
+from agents.text.clock import with_clock
 from agents.text.search import LONG_TRIAL_DECISIONS, Candidate, Earnings, search, summary
 
 FloatArray = NDArray[np.float32]
 
 IMITATION_EPISODE = 60
 """Decisions of an episode that is imitated: 10 s."""
-IMITATION_SHARES = (0.0, 0.5, 0.8)
+IMITATION_SHARES = (0.0, 0.5)
 """Share of the decisions that the policy takes itself in each round of imitation."""
 IMITATION_STEPS = 300
 IMITATION_BATCH = 512
@@ -45,16 +46,17 @@ def record(
         rng: Draws noise, decisions and start states.
 
     Returns:
-        Observations `(k, 223)` and the candidate's latents `(k, 64)` at these times, terminated humanoids left out.
+        Observations with time `(k, 283)` and the candidate's latents `(k, 64)` at these times, terminated humanoids left out.
     """
     noise = float(model.policy.log_std.detach().exp().mean())
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
     alive = np.ones(env.num_envs, bool)
     observations, latents = [], []
-    for latent in candidate.unrolled(IMITATION_EPISODE):
-        observations.append(observation[alive])
+    for decision, latent in enumerate(candidate.unrolled(IMITATION_EPISODE)):
+        timed = with_clock(observation, decision)
+        observations.append(timed[alive])
         latents.append(np.tile(latent, (int(alive.sum()), 1)))
-        own, _ = model.predict(observation, deterministic=True)
+        own, _ = model.predict(timed, deterministic=True)
         actions = np.where(rng.uniform(size=(env.num_envs, 1)) < share, own, latent)
         actions = actions + rng.normal(0.0, noise, actions.shape)
         observation, _, terminated, _, _ = env.step(np.clip(actions, -1.0, 1.0).astype(np.float32))
@@ -69,7 +71,7 @@ def imitate(model: PPO, observations: FloatArray, latents: FloatArray, rng: np.r
 
     Args:
         model: The model; an optimiser of its own is used, so PPO's is untouched.
-        observations: `(k, 223)`.
+        observations: `(k, 283)`.
         latents: `(k, 64)`.
         rng: Draws minibatches.
 
@@ -95,8 +97,8 @@ def policy_earnings(env: VectorEnv, model: PPO, alive_bonus: float, rng: np.rand
     """What the deterministic policy earns in a whole episode, counted as the search counts it."""
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
     earnings = Earnings(env.num_envs, alive_bonus)
-    for _ in range(LONG_TRIAL_DECISIONS):
-        action, _ = model.predict(observation, deterministic=True)
+    for decision in range(LONG_TRIAL_DECISIONS):
+        action, _ = model.predict(with_clock(observation, decision), deterministic=True)
         observation, reward, terminated, _, _ = env.step(action)
         earnings.add(reward, terminated)
     return earnings
