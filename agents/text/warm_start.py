@@ -21,7 +21,7 @@ IMITATION_SHARES = (0.0, 0.5)
 """Share of the decisions that the policy takes itself in each round of imitation."""
 IMITATION_STEPS = 300
 IMITATION_BATCH = 512
-MOST_FALLS = 0.5
+MOST_FALLS = 0.75
 """Share of episodes with a fall up to which a policy starts from an imitation."""
 
 
@@ -116,7 +116,7 @@ def warm_start(
     """Lets a policy start from what the search finds.
 
     A sequence that earns more than the best held latent is imitated. If the imitation then earns less than the held
-    latent while it is up, or falls in more than half of the episodes, the policy holds the latent after all. A few falls
+    latent while it is up, or falls in more than three of four episodes, the policy holds the latent after all. A few falls
     do not count against it: PPO unlearns them sooner than it would find the motion.
 
     Args:
