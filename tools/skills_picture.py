@@ -1,0 +1,42 @@
+"""Makes docs/skills.png from the videos of finished runs: python tools/skills_picture.py RUN RUN ... (one column each)."""
+
+import json
+import sys
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+MOMENTS = (0.74, 0.77, 0.8)
+"""Which frames are shown, as shares of the video."""
+CROP = (237, 20, 617, 430)
+"""The part of a frame of 854 x 480 that shows the humanoid: left, top, right, bottom in pixels."""
+TILE = (228, 246)
+CAPTION = 30
+
+
+def frames(video: Path) -> list[np.ndarray]:
+    """The frames of a video at the chosen moments, `(height, width, 3)`."""
+    reader = imageio_ffmpeg.read_frames(str(video))
+    width, height = next(reader)["size"]
+    film = [np.frombuffer(raw, np.uint8).reshape(height, width, 3) for raw in reader]
+    return [film[int(share * (len(film) - 1))] for share in MOMENTS]
+
+
+def main(runs: list[Path], output: Path) -> None:
+    """Draws one column for each run, its text above the frames."""
+    sheet = Image.new("RGB", (TILE[0] * len(runs), CAPTION + TILE[1] * len(MOMENTS)), "white")
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
+    for column, run in enumerate(runs):
+        text = json.loads((run / "config.json").read_text(encoding="utf-8"))["text"]
+        draw.text((column * TILE[0] + 8, 7), text, font=font, fill=(30, 34, 42))
+        for row, frame in enumerate(frames(run / "video.mp4")):
+            tile = Image.fromarray(frame).crop(CROP).resize(TILE, Image.Resampling.LANCZOS)
+            sheet.paste(tile, (column * TILE[0], CAPTION + row * TILE[1]))
+    output.parent.mkdir(exist_ok=True)
+    sheet.save(output, optimize=True)
+
+
+if __name__ == "__main__":
+    main([Path(argument) for argument in sys.argv[1:]], Path(__file__).parents[1] / "docs" / "skills.png")
