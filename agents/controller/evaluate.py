@@ -197,6 +197,7 @@ def evaluate_controller(
     clips = evaluate_clips(controller, encoder, motions, episodes)
     frozen = evaluate_frozen(controller, encoder, motions, episodes=episodes)
     standing = {motions.names[clip] for clip in standing_clips(motions)}
+    stepping = [rate for name, rate in frozen.items() if name not in standing]
     by_name = {clip.name: clip for clip in motions.clips}
 
     def group(name: str) -> str:
@@ -223,7 +224,7 @@ def evaluate_controller(
         "summary": summary,
         "frozen_falls_mean": float(np.mean([frozen[name] for name in standing])),
         "frozen_falls_highest": float(np.max([frozen[name] for name in standing])),
-        "frozen_falls_stepping": float(np.mean([rate for name, rate in frozen.items() if name not in standing])),
+        "frozen_falls_stepping": float(np.mean(stepping)) if stepping else 0.0,
         "random_falls": evaluate_random(controller, encoder, motions),
         "uniform_falls": evaluate_random(controller, encoder, motions, uniform=True),
         "frozen_falls": frozen,
