@@ -83,6 +83,20 @@ def test_teacher_resumes_from_its_checkpoint(motions: ReferenceMotions, tmp_path
     assert torch.equal(Teacher.load(second.path).actor[0].weight, second.teacher.actor[0].weight)
 
 
+def test_bundled_networks_are_those_of_the_bundled_controller(motions: ReferenceMotions, tmp_path: Path) -> None:
+    """Training that goes on from them starts with what the package performs."""
+    from agents.controller.commands import STUDENT, TRACKING_POLICY
+
+    config = DistillConfig(num_humanoids=2, initial=STUDENT)
+    first = TeacherTrainer(motions, tmp_path, TeacherConfig(num_humanoids=2, initial=TRACKING_POLICY))
+    student = DistillTrainer(first.teacher, motions, tmp_path, config).student.eval()
+    observation = motions.observations[:4]
+    latents = MotionEncoder.load().encode(motions.windows(np.arange(4)))
+    with torch.no_grad():
+        targets = student.policy(torch.from_numpy(observation), torch.from_numpy(latents)).numpy()
+    np.testing.assert_allclose(LowLevelController.load().act(observation, latents), targets, atol=1e-4)
+
+
 def test_distil_finetune_export_evaluate(motions: ReferenceMotions, teacher: Teacher, tmp_path: Path) -> None:
     distillation = DistillConfig(minutes=2 * SECONDS, num_humanoids=32, horizon=8, batch=256)
     trainer = DistillTrainer(teacher, motions, tmp_path, distillation)

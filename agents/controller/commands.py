@@ -13,6 +13,11 @@ from anyskill_envs.controller import WEIGHTS, LowLevelController, MotionEncoder
 from motion_data.clip import MotionClip
 from motion_data.library import MotionLibrary
 
+_TRAINED = Path(__file__).parent / "weights"
+TRACKING_POLICY = _TRAINED / "tracking_policy.safetensors"
+STUDENT = _TRAINED / "student.safetensors"
+"""Networks of the stages that made the bundled controller: where training goes on by default."""
+
 
 def read_clips(folder: Path) -> list[MotionClip]:
     """All clips (``.npz``) of a folder.
@@ -54,6 +59,8 @@ class ControllerTraining:
     """Minutes for the distillation."""
     finetune_minutes: float = 0.0
     """Minutes for fine-tuning under random latents and pushes; experimental, see the model card."""
+    from_scratch: bool = False
+    """Begin with random networks instead of those that made the bundled controller."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 0
@@ -73,9 +80,10 @@ def train(config: ControllerTraining) -> None:
     motions = ReferenceMotions(controller_clips(config.clips, config.acrobatics, mirrored=False))
     print(f"{len(motions.names)} clips, {len(motions) / 30:.0f} s of motion; checkpoints in {config.output}")
     seed, threads = config.seed, config.threads
-    tracking = TeacherConfig(minutes=config.teacher_minutes, seed=seed, threads=threads)
+    first, second = (None, None) if config.from_scratch else (TRACKING_POLICY, STUDENT)
+    tracking = TeacherConfig(minutes=config.teacher_minutes, seed=seed, threads=threads, initial=first)
     teacher = TeacherTrainer(motions, config.output, tracking).train()
-    distillation = DistillConfig(minutes=config.distill_minutes, seed=seed, threads=threads)
+    distillation = DistillConfig(minutes=config.distill_minutes, seed=seed, threads=threads, initial=second)
     student = DistillTrainer(teacher, motions, config.output, distillation).train()
     if config.finetune_minutes:
         finetuning = FinetuneConfig(minutes=config.finetune_minutes, seed=seed, threads=threads)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from rich.progress import Progress
+from safetensors.torch import load_file
 from torch import nn
 
 from agents.controller.evaluate import evaluate_random
@@ -60,6 +61,8 @@ class DistillConfig:
     """Seed of everything random."""
     threads: int = 0
     """Threads for physics and learning; 0 for one per CPU."""
+    initial: Path | None = None
+    """Weights (safetensors) to begin with when there is no checkpoint yet."""
     tracking: TrackingConfig = field(
         default_factory=lambda: TrackingConfig(
             failure_distance=0.5, episode_steps=300, push_probability=0.005, mean_holds=(3, 5, 5, 15, 60)
@@ -89,8 +92,10 @@ class DistillTrainer:
             self.student.parameters(), config.learning_rate, weight_decay=1e-4, fused=True
         )
         self.samples, self.seconds = 0, 0.0
-        fresh = not self.path.exists()
-        if not fresh:
+        fresh = not self.path.exists() and config.initial is None
+        if not self.path.exists() and config.initial:
+            self.student.load_state_dict(load_file(config.initial))
+        elif not fresh:
             state = torch.load(self.path, weights_only=True)
             self.student.load_state_dict(state["model"])
             self.optimizer.load_state_dict(state["optimizer"])

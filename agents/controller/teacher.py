@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from rich.progress import Progress
+from safetensors.torch import load_file
 from torch import nn
 
 from agents.controller.networks import Normalizer, fast_arithmetic, mlp
@@ -41,6 +42,8 @@ class TeacherConfig:
     """Seed of everything random."""
     threads: int = 0
     """Threads for physics and learning; 0 for one per CPU."""
+    initial: Path | None = None
+    """Weights (safetensors) to begin with when there is no checkpoint yet."""
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     """How episodes run."""
 
@@ -92,6 +95,8 @@ class TeacherTrainer:
         self.seconds = 0.0
         if self.path.exists():
             self._restore()
+        elif config.initial:
+            self.teacher.load_state_dict(load_file(config.initial))
         # A resumed run continues with fresh episodes: a new stream of random numbers, still determined by the seed.
         rng = np.random.default_rng((config.seed, self.samples))
         self.tracking = Tracking(motions, config.num_humanoids, rng, config.tracking, config.threads)
