@@ -16,6 +16,8 @@ DATA = (
     "anyskill_envs/weights/llc.onnx",
     "anyskill_envs/weights/motion_encoder.onnx",
     "anyskill_envs/weights/latents.npz",
+    "rewards/weights/state_projection.onnx",
+    "rewards/weights/text_head.onnx",
 )
 
 
