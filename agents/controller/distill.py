@@ -6,20 +6,19 @@ intent: it does not see the state, and freezing it keeps the behaviour going.
 """
 
 import logging
-import os
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from rich.progress import Progress
 from safetensors.torch import load_file
 from torch import nn
 
 from agents.controller.evaluate import evaluate_random
 from agents.controller.networks import fast_arithmetic
 from agents.controller.reference import ReferenceMotions
+from agents.controller.stage import Stage
 from agents.controller.student import WINDOW_OFFSETS, Student
 from agents.controller.teacher import Teacher
 from agents.controller.tracking import Tracking, TrackingConfig
@@ -65,13 +64,13 @@ class DistillConfig:
     """Weights (safetensors) to begin with when there is no checkpoint yet."""
     tracking: TrackingConfig = field(
         default_factory=lambda: TrackingConfig(
-            failure_distance=0.5, episode_steps=300, push_probability=0.005, mean_holds=(3, 5, 5, 15, 60)
+            failure_distance=0.5, episode_steps=300, mean_holds=(3, 5, 5, 15, 60), unsettled=0.4
         )
     )
     """How episodes run."""
 
 
-class DistillTrainer:
+class DistillTrainer(Stage):
     """DAgger from a teacher to a :class:`Student`, resumable from its checkpoint.
 
     Args:
@@ -82,28 +81,20 @@ class DistillTrainer:
     """
 
     def __init__(self, teacher: Teacher, motions: ReferenceMotions, folder: Path, config: DistillConfig):
+        super().__init__(folder / "student.pt", config.minutes, config.seed, config.threads)
         self.config, self.teacher, self.motions = config, teacher, motions
-        self.path = folder / "student.pt"
-        folder.mkdir(parents=True, exist_ok=True)
-        torch.set_num_threads(config.threads or len(os.sched_getaffinity(0)))
-        torch.manual_seed(config.seed)
         self.student = Student()
         self.optimizer = torch.optim.AdamW(
             self.student.parameters(), config.learning_rate, weight_decay=1e-4, fused=True
         )
-        self.samples, self.seconds = 0, 0.0
-        fresh = not self.path.exists() and config.initial is None
-        if not self.path.exists() and config.initial:
+        if self.checkpoint:
+            self.student.load_state_dict(self.checkpoint["model"])
+            self.optimizer.load_state_dict(self.checkpoint["optimizer"])
+        elif config.initial:
             self.student.load_state_dict(load_file(config.initial))
-        elif not fresh:
-            state = torch.load(self.path, weights_only=True)
-            self.student.load_state_dict(state["model"])
-            self.optimizer.load_state_dict(state["optimizer"])
-            self.samples, self.seconds = state["samples"], state["seconds"]
-        rng = np.random.default_rng((config.seed, self.samples))
-        self.tracking = Tracking(motions, config.num_humanoids, rng, config.tracking, config.threads)
+        self.tracking = Tracking(motions, config.num_humanoids, self.rng, config.tracking, config.threads)
         self._window_inputs = self._all_window_inputs()
-        if fresh:
+        if not self.checkpoint and not config.initial:
             self.student.encoder.normalizer.update(self._window_inputs)
             with torch.no_grad():
                 last = self.student.policy.network[-1]
@@ -113,6 +104,7 @@ class DistillTrainer:
         self._observations: list[torch.Tensor] = []
         self._windows: list[torch.Tensor] = []
         self._targets: list[torch.Tensor] = []
+        self._updates = 0
 
     def _all_window_inputs(self) -> torch.Tensor:
         """Encoder inputs of every frame's window, ``(F, ENCODER_INPUT)``."""
@@ -121,44 +113,26 @@ class DistillTrainer:
             parts.append(self.motions.windows(chunk)[:, WINDOW_OFFSETS].reshape(len(chunk), -1))
         return torch.from_numpy(np.concatenate(parts))
 
-    def save(self) -> None:
-        """Writes the checkpoint, whole or not at all."""
-        temporary = self.path.with_suffix(".tmp")
-        state = {
-            "model": self.student.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "samples": self.samples,
-            "seconds": self.seconds,
-        }
-        torch.save(state, temporary)
-        os.replace(temporary, self.path)
+    def state(self) -> dict[str, Any]:
+        """Network and optimiser."""
+        return {"model": self.student.state_dict(), "optimizer": self.optimizer.state_dict()}
 
     def train(self) -> Student:
-        """Trains until the time is used up; saves every minute."""
-        budget, saved, update = 60 * self.config.minutes, time.monotonic(), 0
-        with Progress() as progress:
-            bar = progress.add_task("distillation", total=budget, completed=int(self.seconds))
-            while self.seconds < budget:
-                start = time.monotonic()
-                rate = self.config.learning_rate * max(0.1, 1 - self.seconds / budget)
-                for group in self.optimizer.param_groups:
-                    group["lr"] = rate
-                failures = self._rollout()
-                loss = self._learn()
-                self.seconds += time.monotonic() - start
-                update += 1
-                text = f"distillation: target error {loss**0.5:.4f} rad, failures {failures:.4f}/step"
-                progress.update(bar, completed=self.seconds, description=text)
-                if update % 20 == 0:
-                    _LOG.info("%.0f s %.2f M samples %s", self.seconds, self.samples / 1e6, text)
-                if update % 200 == 0:
-                    falls = evaluate_random(self.student, self.student, self.motions, episodes=100)
-                    _LOG.info("falls under random latents of standing clips: %.2f", falls)
-                if time.monotonic() - saved > 60:
-                    self.save()
-                    saved = time.monotonic()
-        self.save()
+        """Trains until the time is used up."""
+        self.run()
         return self.student
+
+    def update(self) -> dict[str, float]:
+        """One rollout and its gradient steps."""
+        rate = self.config.learning_rate * max(0.1, 1 - self.seconds / self.budget)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        failures, loss = self._rollout(), self._learn()
+        self._updates += 1
+        if self._updates % 200 == 0:
+            falls = evaluate_random(self.student, self.student, self.motions, episodes=100)
+            _LOG.info("falls under random latents of standing clips: %.2f", falls)
+        return {"target error (rad)": loss**0.5, "failures": failures}
 
     def _rollout(self) -> float:
         config, tracking = self.config, self.tracking

@@ -6,20 +6,19 @@ under changes of intent and disturbances, while the tracking reward keeps its sk
 
 import copy
 import logging
-import os
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from rich.progress import Progress
 from torch import nn
 
 from agents.controller.evaluate import evaluate_random
 from agents.controller.networks import Normalizer, fast_arithmetic, mlp
 from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages
 from agents.controller.reference import ReferenceMotions
+from agents.controller.stage import Stage
 from agents.controller.student import Student
 from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig
 from anyskill_envs.controller import LATENT_SIZE
@@ -66,7 +65,7 @@ class FinetuneConfig:
     """How episodes run: more switches than in the stages before."""
 
 
-class FinetuneTrainer:
+class FinetuneTrainer(Stage):
     """PPO on the student's policy, resumable from its checkpoint.
 
     Args:
@@ -77,64 +76,45 @@ class FinetuneTrainer:
     """
 
     def __init__(self, student: Student, motions: ReferenceMotions, folder: Path, config: FinetuneConfig):
+        super().__init__(folder / "finetuned.pt", config.minutes, config.seed, config.threads)
         self.config, self.motions = config, motions
-        self.path = folder / "finetuned.pt"
-        torch.set_num_threads(config.threads or len(os.sched_getaffinity(0)))
-        torch.manual_seed(config.seed)
         self.student = copy.deepcopy(student)
         self.critic_normalizer = Normalizer(_CRITIC_INPUT)
         self.critic = mlp([_CRITIC_INPUT, 512, 512, 1])
         self.ppo = PPO(self.student.policy.network, self.critic, config.ppo, effort=0.0)
-        self.samples, self.seconds = 0, 0.0
-        if self.path.exists():
-            state = torch.load(self.path, weights_only=True)
-            self.student.load_state_dict(state["model"])
-            self.critic.load_state_dict(state["critic"])
-            self.critic_normalizer.load_state_dict(state["critic_normalizer"])
-            self.ppo.restore(state)
-            self.samples, self.seconds = state["samples"], state["seconds"]
-        rng = np.random.default_rng((config.seed, self.samples))
-        self.tracking = Tracking(motions, config.num_humanoids, rng, config.tracking, config.threads)
+        if self.checkpoint:
+            self.student.load_state_dict(self.checkpoint["model"])
+            self.critic.load_state_dict(self.checkpoint["critic"])
+            self.critic_normalizer.load_state_dict(self.checkpoint["critic_normalizer"])
+            self.ppo.restore(self.checkpoint)
+        self.tracking = Tracking(motions, config.num_humanoids, self.rng, config.tracking, config.threads)
         self._latent = torch.zeros(config.num_humanoids, LATENT_SIZE)
+        self._updates = 0
 
-    def save(self) -> None:
-        """Writes the checkpoint, whole or not at all."""
-        temporary = self.path.with_suffix(".tmp")
-        state = {
+    def state(self) -> dict[str, Any]:
+        """Networks and optimisers."""
+        return {
             "model": self.student.state_dict(),
             "critic": self.critic.state_dict(),
             "critic_normalizer": self.critic_normalizer.state_dict(),
-            "samples": self.samples,
-            "seconds": self.seconds,
             **self.ppo.state(),
         }
-        torch.save(state, temporary)
-        os.replace(temporary, self.path)
 
     def train(self) -> Student:
-        """Trains until the time is used up; saves every minute."""
-        budget, saved, update = 60 * self.config.minutes, time.monotonic(), 0
-        with Progress() as progress:
-            bar = progress.add_task("fine-tuning", total=budget, completed=int(self.seconds))
-            while self.seconds < budget:
-                start = time.monotonic()
-                reward, failures, divergence = self._update()
-                self.seconds += time.monotonic() - start
-                update += 1
-                text = f"fine-tuning: reward {reward:.3f}, failures {failures:.4f}/step"
-                progress.update(bar, completed=self.seconds, description=text)
-                if update % 20 == 0:
-                    _LOG.info(
-                        "%.0f s %.2f M samples %s divergence %.3f", self.seconds, self.samples / 1e6, text, divergence
-                    )
-                if update % 200 == 0:
-                    falls = evaluate_random(self.student, self.student, self.motions, episodes=100)
-                    _LOG.info("falls under random latents of standing clips: %.2f", falls)
-                if time.monotonic() - saved > 60:
-                    self.save()
-                    saved = time.monotonic()
-        self.save()
+        """Trains until the time is used up."""
+        self.run()
         return self.student
+
+    def update(self) -> dict[str, float]:
+        """One rollout and one update of PPO."""
+        rollout, reward, failures = self._collect()
+        divergence = self.ppo.learn(rollout, update_actor=self.seconds > self.config.critic_seconds)
+        self.samples += len(rollout.returns)
+        self._updates += 1
+        if self._updates % 200 == 0:
+            falls = evaluate_random(self.student, self.student, self.motions, episodes=100)
+            _LOG.info("falls under random latents of standing clips: %.2f", falls)
+        return {"reward": reward, "failures": failures, "divergence": divergence}
 
     def _critic_input(self) -> torch.Tensor:
         raw = torch.cat([torch.from_numpy(self.tracking.policy_input()), self._latent * LATENT_SIZE**0.5], 1)
@@ -186,9 +166,3 @@ class FinetuneTrainer:
             returns,
         )
         return rollout, float(rewards.mean()) / (1 - discount), failures
-
-    def _update(self) -> tuple[float, float, float]:
-        rollout, reward, failures = self._collect()
-        divergence = self.ppo.learn(rollout, update_actor=self.seconds > self.config.critic_seconds)
-        self.samples += len(rollout.returns)
-        return reward, failures, divergence

@@ -30,6 +30,7 @@ class ReferenceMotions:
         qvel: Velocities, ``(F, 34)``.
         observations: What the humanoid would observe in this state, ``(F, 223)``.
         feedforward: Joint angles led by 0.05 s, ``(F, 28)``: PD control follows them closely.
+        table: Observations and feed-forward side by side, ``(F, 223 + 28)``.
         period: Frames after which a held motion window starts again: whole cycles of a loop, else the window, ``(F,)``.
         seamless: Whether the window can start again without a jump (loops), ``(F,)`` bool.
         upright: Frames in which the humanoid is on its feet, ``(F,)`` bool.
@@ -61,6 +62,7 @@ class ReferenceMotions:
         self.qvel = np.concatenate([clip.qvel for clip in clips])
         self.observations, head = self._observe()
         self.feedforward = (self.qpos[:, 7:] + _LEAD * self.qvel[:, 6:]).astype(np.float32)
+        self.table = np.concatenate([self.observations, self.feedforward], 1)
         self.upright = (self.qpos[:, 2] > 0.5) & (head > 0.9)
 
     def __len__(self) -> int:

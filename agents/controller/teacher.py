@@ -4,24 +4,21 @@ The policy corrects a feed-forward PD target: ``target = reference + 0.05 s * re
 reference, so it is the teacher of the latent-conditioned controller (:mod:`agents.controller.distill`), not the product.
 """
 
-import logging
-import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from rich.progress import Progress
 from safetensors.torch import load_file
 from torch import nn
 
 from agents.controller.networks import Normalizer, fast_arithmetic, mlp
 from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages
 from agents.controller.reference import ReferenceMotions
+from agents.controller.stage import Stage
 from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig, tracking_distance
-
-_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -74,7 +71,7 @@ class Teacher(nn.Module):
         return teacher
 
 
-class TeacherTrainer:
+class TeacherTrainer(Stage):
     """PPO on :class:`Tracking`, resumable from its checkpoint.
 
     Args:
@@ -84,67 +81,28 @@ class TeacherTrainer:
     """
 
     def __init__(self, motions: ReferenceMotions, folder: Path, config: TeacherConfig):
+        super().__init__(folder / "teacher.pt", config.minutes, config.seed, config.threads)
         self.config = config
-        self.path = folder / "teacher.pt"
-        folder.mkdir(parents=True, exist_ok=True)
-        torch.set_num_threads(config.threads or len(os.sched_getaffinity(0)))
-        torch.manual_seed(config.seed)
         self.teacher = Teacher(config.hidden)
         self.ppo = PPO(self.teacher.actor, self.teacher.critic, config.ppo, effort=1e-3)
-        self.samples = 0
-        self.seconds = 0.0
-        if self.path.exists():
-            self._restore()
+        if self.checkpoint:
+            self.teacher.load_state_dict(self.checkpoint["model"])
+            self.ppo.restore(self.checkpoint)
         elif config.initial:
             self.teacher.load_state_dict(load_file(config.initial))
-        # A resumed run continues with fresh episodes: a new stream of random numbers, still determined by the seed.
-        rng = np.random.default_rng((config.seed, self.samples))
-        self.tracking = Tracking(motions, config.num_humanoids, rng, config.tracking, config.threads)
+        self.tracking = Tracking(motions, config.num_humanoids, self.rng, config.tracking, config.threads)
 
-    def _restore(self) -> None:
-        state = torch.load(self.path, weights_only=True)
-        self.teacher.load_state_dict(state["model"])
-        self.ppo.restore(state)
-        self.samples, self.seconds = state["samples"], state["seconds"]
-
-    def save(self) -> None:
-        """Writes the checkpoint, whole or not at all."""
-        temporary = self.path.with_suffix(".tmp")
-        torch.save(
-            {
-                "hidden": list(self.config.hidden),
-                "model": self.teacher.state_dict(),
-                **self.ppo.state(),
-                "samples": self.samples,
-                "seconds": self.seconds,
-            },
-            temporary,
-        )
-        os.replace(temporary, self.path)
+    def state(self) -> dict[str, Any]:
+        """Networks and optimisers."""
+        return {"hidden": list(self.config.hidden), "model": self.teacher.state_dict(), **self.ppo.state()}
 
     def train(self) -> Teacher:
-        """Trains until the time is used up; saves every minute."""
-        budget = 60 * self.config.minutes
-        saved = time.monotonic()
-        with Progress() as progress:
-            bar = progress.add_task("tracking", total=budget, completed=int(self.seconds))
-            update = 0
-            while self.seconds < budget:
-                start = time.monotonic()
-                statistics = self._update()
-                self.seconds += time.monotonic() - start
-                description = f"tracking: reward {statistics['reward']:.3f}, failures {statistics['failures']:.4f}/step"
-                progress.update(bar, completed=self.seconds, description=description)
-                update += 1
-                if update % 20 == 0:
-                    _LOG.info("%.0f s %.2f M samples %s", self.seconds, self.samples / 1e6, _format(statistics))
-                if time.monotonic() - saved > 60:
-                    self.save()
-                    saved = time.monotonic()
-        self.save()
+        """Trains until the time is used up."""
+        self.run()
         return self.teacher
 
-    def _update(self) -> dict[str, float]:
+    def update(self) -> dict[str, float]:
+        """One rollout and one update of PPO."""
         config, teacher, tracking, ppo = self.config, self.teacher, self.tracking, self.ppo
         steps, n, discount = config.horizon, config.num_humanoids, config.ppo.discount
         inputs = torch.empty(steps, n, TRACKING_SIZE, dtype=torch.bfloat16)
@@ -180,14 +138,10 @@ class TeacherTrainer:
             "reward": float(rewards.mean()) / (1 - discount),
             "failures": float(failures),
             "divergence": divergence,
-            "learning_rate": ppo.learning_rate,
+            "rate": ppo.learning_rate,
             "rollout_s": rolled - begin,
             "learning_s": time.monotonic() - rolled,
         }
-
-
-def _format(statistics: dict[str, float]) -> str:
-    return " ".join(f"{name} {value:.4g}" for name, value in statistics.items())
 
 
 @torch.no_grad()

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.controller.inertialization import Inertialization
 from agents.controller.reference import ReferenceMotions
 from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE
 from anyskill_envs.simulation import HumanoidSimulation
@@ -31,16 +32,20 @@ class TrackingConfig:
     """Longest episode, controller steps."""
     mean_holds: tuple[int, ...] = (5, 15, 30, 90)
     """How long a motion window stays the intent: each episode draws one mean (steps), each hold U{1, 2 mean}."""
-    switch_probabilities: tuple[float, ...] = (0.0, 0.0, 0.0, 0.1, 0.5)
-    """Chance that the next window comes from another upright moment of the library; each episode draws one."""
+    unsettled: float = 0.3
+    """Share of the episodes with switches between motions, and with pushes."""
+    switch_holds: tuple[int, ...] = (5, 5, 20)
+    """The mean holds of those episodes; 5 steps are the 6 Hz of a high-level policy."""
+    switch_probabilities: tuple[float, ...] = (0.3, 1.0)
+    """In those episodes, the chance that the next window comes from another upright moment of the library; each draws one."""
     grace_steps: int = 24
     """Steps after a switch during which distance from the reference does not end the episode; a fall does."""
     joint_noise: float = 0.02
     """Standard deviation of the initial joint angles, radians."""
     velocity_noise: float = 0.1
     """Standard deviation of the initial velocities, m/s and rad/s."""
-    push_probability: float = 0.0
-    """Chance per step that a push of 0.2 s begins."""
+    push_probability: float = 0.01
+    """In those episodes, the chance per step that a push of 0.2 s begins."""
     push_force: float = 150.0
     """Largest force of a push on the torso, newtons."""
 
@@ -59,6 +64,7 @@ class Tracking:
         frame: Reference frame of each humanoid, ``(n,)``.
         window: First frame of the 2 s window that is the humanoid's current intent, ``(n,)``. It is renewed at random
             times; while it is held, the reference starts it again whenever it ends.
+        expected: What the reference would observe now, jumps smoothed, ``(n, 223)``.
         renewed: Humanoids whose window was renewed by the last step or reset, ``(n,)`` bool.
         observation: Current observations, float32 ``(n, 223)``.
     """
@@ -80,6 +86,7 @@ class Tracking:
         self.exposure = self.clip_probabilities.copy()
         self._switch_targets = np.flatnonzero(motions.upright & (motions.last - np.arange(len(motions)) > 30))
         n = num_humanoids
+        self._transition = Inertialization(n, motions.table.shape[1])
         self.frame = np.zeros(n, int)
         self._age = np.zeros(n, int)
         self.window = np.zeros(n, int)
@@ -91,6 +98,7 @@ class Tracking:
         self._push_left = np.zeros(n, int)
         self._force = np.zeros((n, 3))
         self.observation = np.zeros((n, OBSERVATION_SIZE), np.float32)
+        self.expected = np.zeros((n, OBSERVATION_SIZE), np.float32)
         self.reset(np.arange(n))
 
     def reset(self, ids: np.ndarray, frames: np.ndarray | None = None) -> None:
@@ -98,36 +106,45 @@ class Tracking:
         if not len(ids):
             return
         motions, count = self.motions, len(ids)
+        unsettled = self._rng.random(count) < self.config.unsettled
         if frames is None:
             clips = self._rng.choice(len(motions.names), count, p=self.clip_probabilities)
             phase = self._rng.random(count) * (motions.lengths[clips] - 5)
             # A tenth of the episodes start at the beginning, where a skill is entered.
             phase[self._rng.random(count) < 0.1] = 0
             frames = motions.starts[clips] + phase.astype(int)
+            if len(self._switch_targets):
+                frames[unsettled] = self._rng.choice(self._switch_targets, int(unsettled.sum()))
         qpos, qvel = motions.qpos[frames].copy(), motions.qvel[frames].copy()
         qpos[:, 7:] += self.config.joint_noise * self._rng.standard_normal((count, 28))
         qvel += self.config.velocity_noise * self._rng.standard_normal(qvel.shape)
         self.simulation.reset(ids, qpos, qvel)
         self.frame[ids] = frames
+        self.expected[ids] = motions.observations[frames]
+        self._transition.clear(ids)
         self.window[ids] = frames
         self.renewed[ids] = True
-        self._mean_hold[ids] = self._rng.choice(self.config.mean_holds, count)
-        self._switch[ids] = self._rng.choice(self.config.switch_probabilities, count)
+        holds = self._rng.choice(self.config.mean_holds, count), self._rng.choice(self.config.switch_holds, count)
+        self._mean_hold[ids] = np.where(unsettled, holds[1], holds[0])
+        self._switch[ids] = unsettled * self._rng.choice(self.config.switch_probabilities, count)
         self._hold_left[ids] = self._rng.integers(1, 2 * self._mean_hold[ids] + 1)
         self._age[ids] = 0
         self._grace[ids] = 0
         self._push_left[ids] = 0
         self.observation[ids] = self.simulation.observation()[ids]
 
+    def _ahead(self, steps: int) -> np.ndarray:
+        """Observations and feed-forward of the reference some steps from now, jumps smoothed, ``(n, 223 + 28)``."""
+        return self.motions.table[self.motions.ahead(self.frame, steps)] + self._transition.ahead(steps)
+
     def reference(self) -> np.ndarray:
-        """What the tracking policy sees of the reference, relative to the current state, ``(n, 384 + ...)``."""
-        motions = self.motions
-        next_frame, later = motions.ahead(self.frame, 1), motions.ahead(self.frame, 4)
+        """What the tracking policy sees of the reference, relative to the current state, ``(n, TRACKING_SIZE - 223)``."""
+        soon, later = self._ahead(1), self._ahead(4)
         return np.concatenate(
             [
-                motions.observations[next_frame] - self.observation,
-                motions.observations[later][:, :_POSE_SIZE] - self.observation[:, :_POSE_SIZE],
-                motions.feedforward[next_frame],
+                soon[:, :OBSERVATION_SIZE] - self.observation,
+                later[:, :_POSE_SIZE] - self.observation[:, :_POSE_SIZE],
+                soon[:, OBSERVATION_SIZE:],
             ],
             1,
         )
@@ -138,7 +155,7 @@ class Tracking:
 
     def feedforward(self) -> np.ndarray:
         """PD targets of the next reference frame, float32 ``(n, 28)``."""
-        return self.motions.feedforward[self.motions.ahead(self.frame, 1)]
+        return self._ahead(1)[:, OBSERVATION_SIZE:]
 
     def step(self, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advances one controller step and resets the episodes that ended.
@@ -152,19 +169,20 @@ class Tracking:
         self._push()
         diverged = self.simulation.step(targets)
         motions = self.motions
+        self._transition.advance()
         self.frame = motions.ahead(self.frame, 1)
+        self.expected = self._ahead(0)[:, :OBSERVATION_SIZE]
         self._age += 1
         self._grace = np.maximum(self._grace - 1, 0)
         self.observation = self.simulation.observation()
-        expected = motions.observations[self.frame]
-        rewards = np.nan_to_num(tracking_reward(self.observation, expected))
-        fell = self.observation[:, 0] < expected[:, 0] - 0.4
-        far = (tracking_distance(self.observation, expected) > self.config.failure_distance) & (self._grace == 0)
+        rewards = np.nan_to_num(tracking_reward(self.observation, self.expected))
+        fell = self.observation[:, 0] < self.expected[:, 0] - 0.4
+        far = (tracking_distance(self.observation, self.expected) > self.config.failure_distance) & (self._grace == 0)
         failed = diverged | fell | far
         rewards[failed] = 0
         truncated = ~failed & (self._age >= self.config.episode_steps)
         ended = np.flatnonzero(failed | truncated)
-        self._update_probabilities(motions.clip_of_frame[self.frame[ended]], failed[ended])
+        self._update_probabilities(ended, failed)
         self._advance_windows()
         self.reset(ended)
         return rewards, failed, truncated
@@ -179,21 +197,34 @@ class Tracking:
         self._hold_left[renewed] = rng.integers(1, 2 * self._mean_hold[renewed] + 1)
         switch = renewed & upright & (rng.random(len(renewed)) < self._switch)
         if len(self._switch_targets):
-            self.frame[switch] = rng.choice(self._switch_targets, int(switch.sum()))
+            self._jump(np.flatnonzero(switch), rng.choice(self._switch_targets, int(switch.sum())))
         if count:
             self.window[renewed] = self.frame[renewed]
         # A held window that ends starts again if both its ends are on the feet; otherwise its last pose is held.
         length = np.minimum(motions.period[self.window], motions.last[self.window] - self.window)
         repeat = ~renewed & (self.frame - self.window >= length) & upright & motions.upright[self.window]
-        self.frame[repeat] = self.window[repeat]
+        self._jump(np.flatnonzero(repeat), self.window[repeat])
         jumped = switch | (repeat & ~motions.seamless[self.window])
         self._grace[jumped] = self.config.grace_steps
         self.renewed = renewed
 
+    def _jump(self, ids: np.ndarray, frames: np.ndarray) -> None:
+        """Goes on elsewhere in the library, smoothly."""
+        table, ahead = self.motions.table, self.motions.ahead
+        old, new = table[self.frame[ids]], table[frames]
+        velocity = Inertialization.rate(old, table[ahead(self.frame[ids], 1)])
+        velocity -= Inertialization.rate(new, table[ahead(frames, 1)])
+        self._transition.jump(ids, old - new, velocity)
+        self.frame[ids] = frames
+
     def _push(self) -> None:
         if not self.config.push_probability:
             return
-        begin = (self._push_left == 0) & (self._rng.random(len(self.frame)) < self.config.push_probability)
+        begin = (
+            (self._push_left == 0)
+            & (self._switch > 0)
+            & (self._rng.random(len(self.frame)) < self.config.push_probability)
+        )
         angle = self._rng.uniform(-np.pi, np.pi, begin.sum())
         size = self._rng.uniform(0, self.config.push_force, begin.sum())
         self._force[begin, 0], self._force[begin, 1] = size * np.cos(angle), size * np.sin(angle)
@@ -202,20 +233,23 @@ class Tracking:
         self.simulation.push("torso", self._force)
         self._push_left = np.maximum(self._push_left - 1, 0)
 
-    def _update_probabilities(self, clips: np.ndarray, failed: np.ndarray) -> None:
+    def _update_probabilities(self, ended: np.ndarray, failed: np.ndarray) -> None:
         """Clips that fail more often are practised for more of the time.
 
         Episodes of easy clips last longest, so choosing starts by failure alone would spend nearly all time on them: the
-        chance to start a clip is corrected by the share of time it already takes.
+        chance to start a clip is corrected by the share of time it already takes. Episodes with switches do not count.
         """
         rate = 0.01
-        for clip in np.unique(clips):
-            mine = failed[clips == clip]
+        settled = self._switch == 0
+        of_humanoid = self.motions.clip_of_frame[self.frame]
+        ended = ended[settled[ended]]
+        for clip in np.unique(of_humanoid[ended]):
+            mine = failed[ended[of_humanoid[ended] == clip]]
             keep = (1 - rate) ** len(mine)
             self.failure_rate[clip] = keep * self.failure_rate[clip] + (1 - keep) * mine.mean()
-        running = np.bincount(self.motions.clip_of_frame[self.frame], minlength=len(self.exposure)) / len(self.frame)
+        running = np.bincount(of_humanoid[settled], minlength=len(self.exposure)) / max(1, settled.sum())
         self.exposure += rate * (running - self.exposure)
-        wanted = 0.1 + self.failure_rate
+        wanted = 0.02 + self.failure_rate**2
         wanted /= wanted.sum()
         weight = wanted * np.clip(wanted / np.maximum(self.exposure, 1e-6), 0.05, 20)
         self.clip_probabilities = weight / weight.sum()
