@@ -64,7 +64,7 @@ class DistillConfig:
     """Weights (safetensors) to begin with when there is no checkpoint yet."""
     tracking: TrackingConfig = field(
         default_factory=lambda: TrackingConfig(
-            failure_distance=0.5, episode_steps=300, mean_holds=(3, 5, 5, 15, 60), unsettled=0.4
+            failure_distance=0.5, episode_steps=300, mean_holds=(3, 5, 5, 15, 60), unsettled=0.4, emphasis=1.0
         )
     )
     """How episodes run."""

@@ -40,6 +40,8 @@ class TrackingConfig:
     """In those episodes, the chance that the next window comes from another upright moment of the library; each draws one."""
     grace_steps: int = 24
     """Steps after a switch during which distance from the reference does not end the episode; a fall does."""
+    emphasis: float = 2.0
+    """Power of a clip's failure rate in the time it is practised: 0 treats all clips alike."""
     joint_noise: float = 0.02
     """Standard deviation of the initial joint angles, radians."""
     velocity_noise: float = 0.1
@@ -249,7 +251,7 @@ class Tracking:
             self.failure_rate[clip] = keep * self.failure_rate[clip] + (1 - keep) * mine.mean()
         running = np.bincount(of_humanoid[settled], minlength=len(self.exposure)) / max(1, settled.sum())
         self.exposure += rate * (running - self.exposure)
-        wanted = 0.02 + self.failure_rate**2
+        wanted = 0.05 + self.failure_rate**self.config.emphasis
         wanted /= wanted.sum()
         weight = wanted * np.clip(wanted / np.maximum(self.exposure, 1e-6), 0.05, 20)
         self.clip_probabilities = weight / weight.sum()
