@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from motion_data.clip import MotionClip
 from motion_data.library import MotionLibrary, imports_folder
+from motion_data.readers import read_motion
 
 
 def list_motions(category: str | None = None, mirrored: bool = False, json: bool = False) -> int:
@@ -102,20 +102,26 @@ def import_motion(
     label: tuple[str, ...] = (),
     category: tuple[str, ...] = ("imported",),
     up: Literal["y", "z"] | None = None,
+    skeleton: Path | None = None,
+    fps: float | None = None,
+    joints: dict[str, str] | None = None,
     licence: str = "unknown",
     overwrite: bool = False,
 ) -> int:
     """Import a motion file into your own folder of clips; the library then has it.
 
-    Reads BVH (.bvh), DeepMimic (.json, .txt) and clips of this project (.npz). The folder is ANYSKILL_CACHE/motions, by
-    default ~/.cache/anyskill/motions.
+    Reads BVH (.bvh), Acclaim (.amc with its .asf), AMASS (.npz), DeepMimic (.json, .txt) and clips of this project
+    (.npz). The folder is ANYSKILL_CACHE/motions, by default ~/.cache/anyskill/motions.
 
     Args:
         file: The motion file.
         name: Name of the clip; from the file's name if not given.
         label: One or more sentences that say what is done.
         category: One or more categories for balanced sampling.
-        up: Axis of a BVH file that points up; found from the motion if not given.
+        up: Axis that points up; found from the motion if not given.
+        skeleton: The .asf file of an .amc file; looked for beside it if not given.
+        fps: Frames per second of an .amc file, which does not say; 120 if not given.
+        joints: Names of joints that are not found by themselves, such as `right_knee Shin_R`.
         licence: Licence of the motion.
         overwrite: Replace an imported clip of the same name.
 
@@ -127,7 +133,7 @@ def import_motion(
         FileExistsError: A clip of that name exists.
         ValueError: The file cannot be read, or its joints cannot be mapped.
     """
-    clip = _read(file, up)
+    clip = read_motion(file, up=up, skeleton=skeleton, fps=fps, joints=joints)
     clip = replace(
         clip,
         name=name or clip.name,
@@ -146,19 +152,3 @@ def import_motion(
     print(f"Imported {clip.name}: {clip.duration:.1f} s, {len(clip)} frames; wrote {path}")
     print(f"Look at it: anyskill motions show {clip.name}")
     return 0
-
-
-def _read(file: Path, up: Literal["y", "z"] | None) -> MotionClip:
-    from motion_data.bvh import read_bvh
-    from motion_data.deepmimic import read_deepmimic
-
-    kind = file.suffix.lower()
-    if kind == ".bvh":
-        return read_bvh(file, up=up)
-    if up is not None:
-        raise ValueError("--up is for BVH files only.")
-    if kind in (".json", ".txt"):
-        return read_deepmimic(file)
-    if kind == ".npz":
-        return MotionClip.load(file)
-    raise ValueError(f"Cannot import '{file.name}': the known kinds are .bvh, .json or .txt (DeepMimic) and .npz.")

@@ -7,7 +7,8 @@ import pytest
 from bvh_writer import MIXAMO, UNREAL, write_bvh
 
 from motion_data.authored import authored_clips
-from motion_data.bvh import detect_up_axis, map_joints, parse_bvh, read_bvh
+from motion_data.bvh import parse_bvh, read_bvh
+from motion_data.joint_motion import detect_up_axis, map_joints
 from motion_data.skeleton import joint_limits, kinematics
 
 CLIPS = {clip.name: clip for clip in authored_clips()}

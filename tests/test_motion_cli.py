@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from bvh_writer import write_bvh
+from mocap_writers import write_acclaim, write_amass
 
 from agents.cli import main
 from motion_data.authored import authored_clips
@@ -44,6 +45,19 @@ def test_import_puts_a_bvh_file_into_the_library(tmp_path, capsys, own_cache):
     assert main([*words, "--overwrite"]) == 0
     assert main([*words, "--name", "squat"]) == 2
     assert "--name" in capsys.readouterr().err
+
+
+def test_import_picks_the_reader_by_the_file(tmp_path, capsys, own_cache):
+    short = MotionClip("short", CLIPS["bow"].qpos[:8])
+    write_acclaim(tmp_path, short)
+    write_amass(tmp_path / "B_poses.npz", short)
+    assert main(["motions", "import", str(tmp_path / "02_01.amc"), "--fps", "30", "--name", "from_amc"]) == 0
+    assert main(["motions", "import", str(tmp_path / "B_poses.npz"), "--label", "bow a little"]) == 0
+    capsys.readouterr()
+    assert main(["motions", "list", "--category", "imported", "--json"]) == 0
+    assert {row["name"] for row in json.loads(capsys.readouterr().out)} == {"from_amc", "b"}
+    assert main(["motions", "import", str(tmp_path / "B_poses.npz"), "--fps", "30"]) == 2
+    assert "fps means nothing" in capsys.readouterr().err
 
 
 def test_import_refuses_what_it_cannot_read(tmp_path, capsys):
