@@ -1,6 +1,7 @@
 """The 223-number observation of the low-level and high-level policies (AnySkill, CALM: facts of the released code).
 
-Everything is expressed in the root's heading frame: origin at the root, turned by the root's yaw.
+Everything is expressed in the root's heading frame: origin at the root, turned by the root's heading. That is the twist
+about the vertical axis, not the direction of the x axis as in the released code: see :func:`motion_data.skeleton.heading`.
 """
 
 import numpy as np
@@ -42,10 +43,13 @@ def observe(
         angular velocities; all turned into the heading frame. See :data:`OBSERVATION_LAYOUT`.
     """
     count = len(positions)
-    w, x, y, z = np.moveaxis(quaternions[:, 0], -1, 0)
-    tangent_x, tangent_y = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z)
-    length = np.maximum(np.hypot(tangent_x, tangent_y), 1e-9)
-    cosine, sine = (tangent_x / length).astype(np.float32)[:, None], (tangent_y / length).astype(np.float32)[:, None]
+    w, _, _, z = np.moveaxis(quaternions[:, 0], -1, 0)
+    # Cosine and sine of twice the angle of (w, z): see motion_data.skeleton.heading.
+    square = np.maximum(w * w + z * z, 1e-9)
+    cosine, sine = (
+        ((w * w - z * z) / square).astype(np.float32)[:, None],
+        (2 * w * z / square).astype(np.float32)[:, None],
+    )
 
     observation = np.empty((count, OBSERVATION_SIZE), np.float32)
     observation[:, 0] = positions[:, 0, 2]

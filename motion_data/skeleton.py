@@ -170,9 +170,21 @@ def differentiate(qpos: np.ndarray, rate: float = FRAME_RATE) -> np.ndarray:
 
 
 def heading(quaternion: np.ndarray) -> np.ndarray:
-    """Yaw of the x axis of orientations ``(..., 4)``, in radians, ``(...)``."""
-    w, x, y, z = np.moveaxis(np.asarray(quaternion), -1, 0)
-    return np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    """Angle about the vertical axis, radians: the twist of the swing-twist decomposition.
+
+    Upright it is where the x axis points, as in AMP, ASE and CALM. But that is undefined where the x axis is vertical,
+    and flips by half a turn nearby: in every moment of crawling, lying and getting up. The twist is undefined only
+    upside-down.
+
+    Args:
+        quaternion: Orientations, w first, ``(..., 4)``.
+
+    Returns:
+        Angles in ``[-pi, pi)``, ``(...)``.
+    """
+    quaternion = np.asarray(quaternion)
+    angle = 2 * np.arctan2(quaternion[..., 3], quaternion[..., 0])
+    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def _swap_side(name: str) -> str:
