@@ -45,6 +45,7 @@ COMMANDS: dict[str, Command] = {
         subcommands={
             "train": "agents.controller.commands:train",
             "evaluate": "agents.controller.commands:evaluate",
+            "calm": "agents.controller.calm.command:calm",
         },
     ),
     "encoder": Command("train the bundled text and image encoder", subcommands={"train": "agents.encoder.train:train"}),

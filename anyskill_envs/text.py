@@ -8,13 +8,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from anyskill_envs.actions import FloatArray
+from anyskill_envs.actions import ActionDecoder, FloatArray
 from anyskill_envs.controller import LowLevelController
+from anyskill_envs.humanoid_reward import HumanoidReward
 from anyskill_envs.latent import HumanoidLatentEnv, HumanoidLatentVectorEnv
-from anyskill_envs.rendering import HumanoidRenderer
-from rewards import RewardBatch, RewardFn, RewardOutput, make_reward
+from anyskill_envs.rendering import Camera
+from rewards import RewardFn, RewardOutput, make_reward
+from rewards.episodic import checked_texts
 
 DEFAULT_TEXT = "raise both arms above the head"
 
@@ -25,9 +27,10 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
     Args:
         num_envs: number of humanoids.
         text: what to do, one sentence for all or a list with one for each humanoid.
-        reward: name of a reward of the package `rewards`, or a reward.
-        reward_kwargs: arguments of the reward's constructor, beside `encoder`.
-        encoder: name of the encoder that compares text and motion.
+        reward: name of a reward of the package `rewards`; or weights by name, ``{"clip": 0.8, "velocity": 0.2}``, for a
+            sum; or a reward.
+        reward_kwargs: arguments of the reward's constructor, beside `encoder`; see `rewards.make_reward`.
+        encoder: name of the encoder that compares text and motion; see `rewards.load_encoder`.
         text_observation: append the text's feature to the observation, for one policy that is told many texts.
         terminate_when_fallen: see :class:`HumanoidVectorEnv`; a fall ends the episode by default.
         controller: path of the controller's ONNX file, or a loaded controller; the bundled one if None.
@@ -47,7 +50,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         num_envs: int = 1,
         *,
         text: str | Sequence[str] = DEFAULT_TEXT,
-        reward: str | RewardFn = "clip",
+        reward: str | Mapping[str, float] | RewardFn = "clip",
         reward_kwargs: Mapping[str, Any] | None = None,
         encoder: str = "bundled",
         text_observation: bool = False,
@@ -56,15 +59,14 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         num_threads: int = 0,
         **kwargs: Any,
     ) -> None:
-        texts = _checked_texts(text, max(num_envs, 1))  # the base class refuses less
-        if isinstance(reward, str):
+        texts = checked_texts(text, max(num_envs, 1), "humanoids")  # the base class refuses less
+        if isinstance(reward, str | Mapping):
             reward = make_reward(reward, **{"encoder": encoder} | dict(reward_kwargs or {}))
-        self.reward = reward
-        self.texts = list(texts)
-        self.text_features = self._encode(texts)
+        if not isinstance(controller, LowLevelController):
+            controller = LowLevelController.load(controller)
+        camera = Camera(**(kwargs.get("camera") or {}))
+        self._reward = HumanoidReward(reward, texts, camera, controller.latents)
         self.text_observation = text_observation
-        self._frames = HumanoidRenderer() if "frames" in reward.needs else None
-        self._previous_similarity = np.zeros(num_envs, np.float32)
         super().__init__(
             num_envs,
             controller=controller,
@@ -72,8 +74,26 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
             terminate_when_fallen=terminate_when_fallen,
             **kwargs,
         )
-        self._library_latents = self.decoder.controller.latents.astype(np.float32)
-        self._style_latents = np.zeros((num_envs, self._library_latents.shape[1]), np.float32)
+
+    @property
+    def reward(self) -> RewardFn:
+        """The reward."""
+        return self._reward.reward
+
+    @property
+    def texts(self) -> list[str]:
+        """What each humanoid should do."""
+        return self._reward.texts
+
+    @property
+    def text_features(self) -> FloatArray:
+        """Unit features of the texts, ``(n, d)``."""
+        return self._reward.text_features
+
+    @property
+    def library_latents(self) -> FloatArray:
+        """Latents of the motion library that a style term "nearest" looks through, ``(128, 64)``."""
+        return self._reward.library_latents
 
     def make_observation_space(self) -> Box:
         """Proprioception, and the text's feature if it was asked for."""
@@ -90,73 +110,31 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
             observations = np.concatenate([observations, self.text_features[ids]], axis=1)
         return observations
 
+    def step_with(
+        self, decoder: ActionDecoder, actions: ArrayLike
+    ) -> tuple[FloatArray, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Draw the latents that a style term compares with, and step."""
+        self._reward.draw_style_latents(self.np_random)
+        return super().step_with(decoder, actions)
+
     def compute_reward(self, commands: FloatArray) -> RewardOutput:
         """The text reward of the controller step that was just executed."""
-        output = self.reward(self._reward_batch(commands))
-        if output.similarity is not None:
-            self._previous_similarity = np.asarray(output.similarity, np.float32)
-        return output
+        return self._reward.of_step(self.proprioception, self.simulation.qpos, commands)
 
     def begin_episodes(self, ids: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Take in a new text; `text` may be one sentence or one for each of the humanoids that are reset."""
         if "text" in options:
-            texts = _checked_texts(options["text"], len(ids))
-            for index, text in zip(ids, texts, strict=True):
-                self.texts[index] = text
-            self.text_features[ids] = self._encode(texts)
-        if "previous_similarity" in self.reward.needs:
-            # A reward for progress counts from the state in which the episode starts.
-            commands = self.decoder.commands(np.zeros((self.num_envs, *self.decoder.space.shape)))
-            similarity = self.reward(self._reward_batch(commands)).similarity
-            assert similarity is not None  # what such a reward compares
-            self._previous_similarity[ids] = similarity[ids]
-
-    def begin_decision(self) -> None:
-        """Draw the latents of the motion library that the reward's style term compares with."""
-        if "style_latent" in self.reward.needs:
-            drawn = self.np_random.integers(len(self._library_latents), size=self.num_envs)
-            self._style_latents = self._library_latents[drawn]
+            self._reward.set_texts(ids, checked_texts(options["text"], len(ids), "humanoids"))
+        self._reward.start_from(ids, self.proprioception[ids], self.simulation.qpos[ids])
 
     def extra_info(self) -> dict[str, NDArray[Any]]:
-        """The drawn latents, if the reward used any: with them it can be recomputed."""
-        return {"style_latent": self._style_latents.copy()} if "style_latent" in self.reward.needs else {}
+        """The latents drawn for a style term: with them the reward can be recomputed."""
+        return dict(self._reward.style_info())
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the GL contexts and close the window."""
         super().close_extras(**kwargs)
-        if self._frames is not None:
-            self._frames.close()
-
-    def _encode(self, texts: Sequence[str]) -> FloatArray:
-        """Features ``(n, d)`` of n texts; each different text is encoded once."""
-        different = list(dict.fromkeys(texts))
-        features = np.asarray(self.reward.encode_text(different), np.float32)
-        return features[[different.index(text) for text in texts]]
-
-    def _reward_batch(self, commands: FloatArray) -> RewardBatch:
-        frames = None
-        if self._frames is not None:
-            frames = np.stack([self._frames.render(qpos, self._camera) for qpos in self.simulation.qpos])
-        return RewardBatch(
-            observation=self.proprioception,
-            frames=frames,
-            text_feature=self.text_features,
-            latent=commands,
-            style_latent=self._style_latents,
-            previous_similarity=self._previous_similarity,
-        )
-
-
-def _checked_texts(text: str | Sequence[str], count: int) -> list[str]:
-    """One text for each of `count` humanoids."""
-    texts = [text] * count if isinstance(text, str) else list(text)
-    if len(texts) != count:
-        raise ValueError(
-            f"text must be one sentence, or one for each of the {count} humanoids; got {len(texts)} of them."
-        )
-    if not all(isinstance(item, str) and item.strip() for item in texts):
-        raise ValueError('text is empty: say what the humanoid should do, for instance text="wave the right hand".')
-    return texts
+        self._reward.close()
 
 
 class HumanoidTextEnv(HumanoidLatentEnv):
@@ -175,7 +153,8 @@ class HumanoidTextEnv(HumanoidLatentEnv):
 
     That of the chosen reward function, averaged over the executed controller steps; `reward="clip"` has the terms
     `reward_clip` (similarity of text and motion) and `reward_style` (nearness to a latent of the motion library).
-    `info["similarity"]` is the raw cosine.
+    `reward={"clip": 0.8, "velocity": 0.2}` is a weighted sum; docs/rewards.md has them all. `info["similarity"]` is the
+    raw cosine.
 
     ## Starting state
 

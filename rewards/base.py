@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
 
@@ -19,7 +20,10 @@ NEED_FIELDS = {
     "text": "text_feature",
     "latent": "latent",
     "style_latent": "style_latent",
-    "previous_similarity": "previous_similarity",
+    "library_latents": "library_latents",
+    "velocity": "velocity",
+    "facing": "facing",
+    "past_features": "past_features",
 }
 
 
@@ -38,7 +42,11 @@ class RewardBatch:
             otherwise they compute it with their encoder. Stored rollouts keep it, so that rewards can be recomputed.
         latent: unit latent that drives the controller, shape (n, 64).
         style_latent: a latent of the motion library to stay near to, shape (n, 64).
-        previous_similarity: text similarity at the controller step before, shape (n,).
+        library_latents: the latents of the motion library that all rows share, shape (k, 64).
+        velocity: horizontal velocity of the body in the world, m/s, shape (n, 2).
+        facing: horizontal unit vector in which the body faces in the world, shape (n, 2).
+        past_features: unit image features of the w steps before this one, oldest first, shape (n, w, d). At the start of
+            an episode they are those of the state in which it starts. :class:`rewards.episodic.EpisodicReward` keeps them.
     """
 
     observation: FloatArray | None = None
@@ -47,15 +55,24 @@ class RewardBatch:
     image_feature: FloatArray | None = None
     latent: FloatArray | None = None
     style_latent: FloatArray | None = None
-    previous_similarity: FloatArray | None = None
+    library_latents: FloatArray | None = None
+    velocity: FloatArray | None = None
+    facing: FloatArray | None = None
+    past_features: FloatArray | None = None
 
     def __len__(self) -> int:
         """Number of humanoids n."""
+        for _, value in self._fields_with_rows():
+            return len(value)
+        raise ValueError("The reward batch is empty: give at least an observation or frames.")
+
+    def _fields_with_rows(self) -> Iterator[tuple[str, NDArray[Any]]]:
+        """Name and value of each field that is there and has a row for every humanoid."""
         for item in fields(self):
             value = getattr(self, item.name)
-            if value is not None and not (item.name == "text_feature" and value.ndim == 1):
-                return len(value)
-        raise ValueError("The reward batch is empty: give at least an observation or frames.")
+            shared = item.name == "library_latents" or (item.name == "text_feature" and np.ndim(value) == 1)
+            if value is not None and not shared:
+                yield item.name, value
 
     def require(self, needs: frozenset[str]) -> None:
         """Check that every need is supplied and that the lengths agree.
@@ -74,12 +91,9 @@ class RewardBatch:
                 f"The reward needs {', '.join(missing)} in its RewardBatch, but the batch does not carry it."
             )
         count = len(self)
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if value is None or (item.name == "text_feature" and value.ndim == 1):
-                continue
+        for name, value in self._fields_with_rows():
             if len(value) != count:
-                raise ValueError(f"RewardBatch.{item.name} has {len(value)} rows where the others have {count}.")
+                raise ValueError(f"RewardBatch.{name} has {len(value)} rows where the others have {count}.")
 
 
 @dataclass(frozen=True)
@@ -108,8 +122,8 @@ class RewardOutput:
 class RewardFn(Protocol):
     """A pure batched reward.
 
-    `needs` is a subset of {"state", "frames", "text", "latent", "style_latent", "previous_similarity"}; whoever calls the
-    reward supplies those fields and renders only if "frames" is among them.
+    `needs` holds keys of `NEED_FIELDS`; whoever calls the reward supplies those fields of the batch and renders only if
+    "frames" is among them.
     """
 
     needs: frozenset[str]
@@ -123,8 +137,38 @@ class RewardFn(Protocol):
         ...
 
 
+@runtime_checkable
+class HistoryRewardFn(RewardFn, Protocol):
+    """A reward that also looks back.
+
+    `history` is the number of earlier steps whose features it needs, in `RewardBatch.past_features`; 0 for none.
+    """
+
+    history: int
+
+    def image_feature(self, batch: RewardBatch) -> FloatArray:
+        """Unit features (n, d) of what the batch shows, to be kept for the steps that follow."""
+        ...
+
+
+class TextFreeReward:
+    """Base of rewards that read no text: features of texts are empty."""
+
+    def encode_text(self, texts: list[str]) -> FloatArray:
+        """Nothing, (k, 0)."""
+        return np.zeros((len(texts), 0), np.float32)
+
+
 # Heavy modules are named, not imported: `import rewards` must not load onnxruntime.
-_REWARDS: dict[str, str | Callable[..., RewardFn]] = {"clip": "rewards.clip:ClipReward"}
+_REWARDS: dict[str, str | Callable[..., RewardFn]] = {
+    "avgpool": "rewards.avgpool:AvgPoolReward",
+    "clip": "rewards.clip:ClipReward",
+    "clip-s": "rewards.clip_s:ClipScoreReward",
+    "delta": "rewards.delta:DeltaReward",
+    "style": "rewards.style:StyleReward",
+    "velocity": "rewards.velocity:VelocityReward",
+    "vlm-rm": "rewards.vlm_rm:VlmRmReward",
+}
 
 
 def resolve(target: str | Callable[..., Any]) -> Callable[..., Any]:
@@ -132,7 +176,8 @@ def resolve(target: str | Callable[..., Any]) -> Callable[..., Any]:
     if not isinstance(target, str):
         return target
     module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)
+    found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    return found
 
 
 def reward_names() -> list[str]:
@@ -145,7 +190,8 @@ def register_reward(name: str, target: str | Callable[..., RewardFn]) -> None:
 
     Args:
         name: the name for `make_reward` and `gym.make(..., reward=name)`.
-        target: a callable that builds the reward, or "package.module:Name" of one.
+        target: a callable that builds the reward, or "package.module:Name" of one. If it has an argument `encoder`, it
+            gets the encoder that the user chose.
 
     Raises:
         ValueError: the name is taken.
@@ -155,17 +201,37 @@ def register_reward(name: str, target: str | Callable[..., RewardFn]) -> None:
     _REWARDS[name] = target
 
 
-def make_reward(name: str, **kwargs: Any) -> RewardFn:
-    """Build a reward by name.
+def make_reward(reward: str | Mapping[str, float] | RewardFn, *, encoder: Any = None, **kwargs: Any) -> RewardFn:
+    """Build a reward.
 
     Args:
-        name: one of `reward_names()`.
-        **kwargs: arguments of the reward's constructor, for instance `encoder` or weights.
+        reward: one of `reward_names()`; or weights by name, such as ``{"clip": 0.8, "velocity": 0.2}``, for the weighted
+            sum of several; or a reward that is made already.
+        encoder: the encoder or its name, for rewards that have one; each reward's default if None.
+        **kwargs: further arguments of the reward's constructor; for a sum the arguments of each part, by its name, as in
+            ``velocity={"speed": 1.0}``, and `source` for all.
 
     Raises:
         ValueError: no reward has this name; the message lists those that exist.
+        TypeError: an argument that the reward does not have.
     """
-    if name not in _REWARDS:
-        raise ValueError(f"Unknown reward {name!r}; the rewards that exist are: {', '.join(reward_names())}.")
-    reward: RewardFn = resolve(_REWARDS[name])(**kwargs)
-    return reward
+    if isinstance(reward, Mapping):
+        from rewards.weighted_sum import WeightedSum
+
+        return WeightedSum(reward, encoder=encoder, **kwargs)
+    if not isinstance(reward, str):
+        if kwargs:
+            raise TypeError(f"The reward is made already: {', '.join(kwargs)} must be given to its constructor.")
+        return reward
+    if reward not in _REWARDS:
+        raise ValueError(f"Unknown reward {reward!r}; the rewards that exist are: {', '.join(reward_names())}.")
+    if encoder is not None and takes_argument(reward, "encoder"):
+        kwargs["encoder"] = encoder
+    made: RewardFn = resolve(_REWARDS[reward])(**kwargs)
+    return made
+
+
+def takes_argument(name: str, argument: str) -> bool:
+    """Whether the constructor of a registered reward has an argument of this name."""
+    parameters = inspect.signature(resolve(_REWARDS[name])).parameters.values()
+    return any(each.name == argument or each.kind == inspect.Parameter.VAR_KEYWORD for each in parameters)

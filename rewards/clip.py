@@ -2,74 +2,52 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
-from rewards.base import FloatArray, RewardBatch, RewardOutput
-from rewards.encoders import Encoder, load_encoder
+from rewards.base import RewardBatch, RewardOutput
+from rewards.encoders import Encoder
+from rewards.similarity import SimilarityReward, Source, cosine
+from rewards.style import StyleForm, StyleReward
 
 
-class ClipReward:
-    """Equation 3 of AnySkill (Cui et al., CVPR 2024): r = w_c cos(f_image, f_text) + w_s exp(-4 |z - z^|_2).
+class ClipReward(SimilarityReward):
+    """Equation 3 of AnySkill (Cui et al., CVPR 2024): r = w_c cos(f_image, f_text) + w_s style(z).
 
-    f are unit features, z is the latent that drives the controller and z^ a latent drawn from those of the motion library.
-    The paper gives no weights. The code its authors released weighs both terms alike (0.40 each, for a nearest-latent form
-    of the second), so both are 0.5 here: the reward is then at most 1. Between unit vectors of 64 numbers that have
-    nothing to do with each other the distance is about 1.4 and the second term about 0.002, so it only speaks up close
-    to z^.
+    f are unit features; the style term is that of :class:`rewards.style.StyleReward`, exp(-4 |z - z^|_2) in the paper and
+    the nearest latent of the library in the code that its authors released. The paper gives no weights. The released code
+    weighs both terms alike (0.40 each), so both are 0.5 here: the reward is then at most 1.
 
-    Terms: "clip" and "style".
+    Terms: "clip" and, if it has a weight, "style".
+
+    Args:
+        encoder: an encoder or its name.
+        source: "state", "frames" or None; see :class:`SimilarityReward`.
+        clip_weight: w_c, the weight of the similarity.
+        style_weight: w_s, the weight of the latent alignment.
+        style: "distance" (the paper) or "nearest" (the released code).
+        style_sharpness: the factor 4 in the exponent of "distance".
+
+    Raises:
+        ValueError: an argument is none of these, or a weight is not finite.
     """
 
     def __init__(
         self,
         encoder: str | Encoder = "bundled",
-        source: Literal["state", "frames"] = "state",
+        source: Source | None = None,
         clip_weight: float = 0.5,
         style_weight: float = 0.5,
+        style: StyleForm = "distance",
         style_sharpness: float = 4.0,
     ) -> None:
-        """Choose encoder and weights.
-
-        Args:
-            encoder: an encoder or its name.
-            source: "state" takes image features from the encoder's state projection and needs no rendering, "frames" from
-                rendered pictures.
-            clip_weight: w_c, the weight of the similarity.
-            style_weight: w_s, the weight of the latent alignment.
-            style_sharpness: the factor 4 in the exponent.
-
-        Raises:
-            ValueError: `source` is neither "state" nor "frames", or a weight is not finite.
-        """
-        if source not in ("state", "frames"):
-            raise ValueError(f'source must be "state" or "frames", not {source!r}.')
         if not np.isfinite([clip_weight, style_weight, style_sharpness]).all():
             raise ValueError("The weights of the clip reward must be finite numbers.")
-        self.encoder = load_encoder(encoder) if isinstance(encoder, str) else encoder
-        self.source = source
+        super().__init__(encoder, source)
+        self.style = StyleReward(style, style_sharpness)
         self.clip_weight = float(clip_weight)
         self.style_weight = float(style_weight)
-        self.style_sharpness = float(style_sharpness)
-        needs = {source, "text"}
         if self.style_weight != 0.0:
-            needs |= {"latent", "style_latent"}
-        self.needs = frozenset(needs)
-
-    def encode_text(self, texts: list[str]) -> FloatArray:
-        """Unit features (k, d) of k texts."""
-        return self.encoder.encode_text(texts)
-
-    def image_feature(self, batch: RewardBatch) -> FloatArray:
-        """Unit features (n, d) of what the batch shows: those it carries, else encoded from its states or frames."""
-        if batch.image_feature is not None:
-            return batch.image_feature
-        if self.source == "state":
-            assert batch.observation is not None  # `require` has seen to it
-            return self.encoder.encode_state(batch.observation)
-        assert batch.frames is not None
-        return self.encoder.encode_image(batch.frames)
+            self.needs |= self.style.needs
 
     def __call__(self, batch: RewardBatch) -> RewardOutput:
         """Reward n humanoids.
@@ -78,12 +56,8 @@ class ClipReward:
             ValueError: the batch lacks what `needs` names.
         """
         batch.require(self.needs)
-        assert batch.text_feature is not None
-        text = np.atleast_2d(batch.text_feature)
-        similarity: FloatArray = (self.image_feature(batch) * text).sum(axis=-1, dtype=np.float32)
+        similarity = cosine(self.image_feature(batch), batch)
         terms = {"clip": self.clip_weight * similarity}
         if self.style_weight != 0.0:
-            assert batch.latent is not None and batch.style_latent is not None
-            distance = np.linalg.norm(batch.latent - batch.style_latent, axis=-1)
-            terms["style"] = self.style_weight * np.exp(-self.style_sharpness * distance)
+            terms["style"] = self.style_weight * self.style.alignment(batch)
         return RewardOutput.from_terms(terms, similarity=similarity)

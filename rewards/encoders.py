@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -15,7 +16,8 @@ from rewards.base import FloatArray, resolve
 class Encoder(Protocol):
     """Text, pictures and states as unit vectors of one size: their dot product is their similarity.
 
-    An encoder without a state projection raises NotImplementedError in `encode_state`; rewards that use it then need frames.
+    An encoder without a state projection says so with an attribute `has_state_projection = False` and raises
+    NotImplementedError in `encode_state`; rewards that use it then look at pictures.
     """
 
     feature_size: int
@@ -33,6 +35,8 @@ class Encoder(Protocol):
         ...
 
 
+HUB_PREFIX = "hf:"
+_TRANSFORMERS_ENCODER = "rewards.transformers_encoder:TransformersEncoder"
 _ENCODERS: dict[str, str | Callable[..., Encoder]] = {"bundled": "rewards.bundled:BundledEncoder"}
 
 
@@ -60,13 +64,25 @@ def load_encoder(name: str = "bundled", **kwargs: Any) -> Encoder:
     """Build an encoder by name.
 
     Args:
-        name: one of `encoder_names()`.
+        name: one of `encoder_names()`; or "hf:" and the name of a CLIP-like model on the Hugging Face hub, such as
+            "hf:laion/CLIP-ViT-B-32-laion2B-s34B-b79K" (the paper's); or the folder of such a model.
         **kwargs: arguments of the encoder's constructor.
 
     Raises:
         ValueError: no encoder has this name; the message lists those that exist.
     """
-    if name not in _ENCODERS:
-        raise ValueError(f"Unknown encoder {name!r}; the encoders that exist are: {', '.join(encoder_names())}.")
-    encoder: Encoder = resolve(_ENCODERS[name])(**kwargs)
+    if name in _ENCODERS:
+        return _build(_ENCODERS[name], **kwargs)
+    if name.startswith(HUB_PREFIX):
+        return _build(_TRANSFORMERS_ENCODER, name=name.removeprefix(HUB_PREFIX), **kwargs)
+    if Path(name).is_dir():
+        return _build(_TRANSFORMERS_ENCODER, name=name, **kwargs)
+    raise ValueError(
+        f"Unknown encoder {name!r}; the encoders that exist are: {', '.join(encoder_names())}, "
+        f'"{HUB_PREFIX}<name of a CLIP-like model on the Hugging Face hub>", or the folder of such a model.'
+    )
+
+
+def _build(target: str | Callable[..., Encoder], **kwargs: Any) -> Encoder:
+    encoder: Encoder = resolve(target)(**kwargs)
     return encoder
