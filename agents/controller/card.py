@@ -1,5 +1,6 @@
 """The model card of a controller, written from its measurements."""
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 _TEMPLATE = """# Low-level controller {version}
@@ -16,35 +17,70 @@ _TEMPLATE = """# Low-level controller {version}
 | Licence | {licence}; trained by this project. The mocap clips come with the package `pybullet` and are not part of the files |
 | Intended use | the frozen low level of the environments of this package; its input is checked by a contract in the files' metadata |
 
-## Measured quality
+## Bars
+
+| measured | value | bar | passed |
+|---|---|---|---|
+{bars}
+
+## Clips
 
 `anyskill controller evaluate --json`, {episodes} episodes per clip, latent renewed at 6 Hz from the reference window; the policy
 sees no reference. Survival: the mean distance of the bodies from the reference, in the heading frame, stays below 0.4 m to the
-end of the clip.
+end of the clip. The first groups divide the clips, the last three overlap and leave acrobatics out.
 
 | group | clips | survival | lowest clip | body error (mm) |
 |---|---|---|---|---|
 {summary}
 
+A classifier of the reference clips (nearest neighbour of 2 s windows) names {naming} of the unmirrored clips from the simulated
+motion. Feet slide at {skate} m/s while they touch the floor (reference: {reference_skate}); the jerk of the bodies is
+{jerk} m/s^3 (reference: {reference_jerk}).
+
+## Balance
+
 A standing clip keeps both feet planted.
 
-| falls within 10 s (head below 0.6 m) | |
+| falls (head below 0.6 m), within 10 s where nothing else is said | |
 |---|---|
-| frozen latent of a standing clip, mean over clips | {frozen_falls_mean:.1%} |
-| frozen latent of a standing clip, worst clip | {frozen_falls_highest:.1%} |
-| frozen latent of an upright clip that lifts or moves a foot, mean over clips | {frozen_falls_stepping:.1%} |
-| random latents of standing clips, renewed at 6 Hz | {random_falls:.1%} |
-| latents uniform on the sphere, renewed at 6 Hz | {uniform_falls:.1%} |
+| frozen latent of a standing clip, mean over clips | {frozen_falls_mean} |
+| frozen latent of a standing clip, worst clip | {frozen_falls_highest} |
+| frozen latent of an upright clip that lifts or moves a foot, mean over clips | {frozen_falls_stepping} |
+| frozen latent half-way between two standing clips | {interpolation_falls} |
+| random latents of standing clips, renewed at 6 Hz | {random_falls} |
+| random latents of all clips on the feet, renewed at 6 Hz | {random_upright_falls} |
+| latents uniform on the sphere, renewed at 6 Hz | {uniform_falls} |
+| push of 150 N for 0.2 s in a random direction while standing, within 5 s | {push_standing} |
+| the same while walking | {push_walking} |
+
+Getting up with the latents of the get-up clips, then of standing: {front} stand 6 s after lying on the front, {back} after lying
+on the back. Mirrored states and latents change the mirrored PD targets by {mirror_difference_degrees:.1f} degrees on average.
+
+## Steering
+
+Each latent of the clips that travel or turn is held for 4 s; those under which the humanoid falls do not count.
+
+| direction | fastest | latent of |
+|---|---|---|
+{fastest}
+
+| wanted forward speed (m/s) | nearest latent (m/s) |
+|---|---|
+{nearest}
+
+| latents of | forward (m/s) | leftward (m/s) | turn to the left (degrees/s) | reference | falls |
+|---|---|---|---|---|---|
+{steering}
 
 ## Limits
 
-First version: what is below 1 in the table fails that often. Acrobatics (backflip, cartwheel, roll, spin, spinkick) were not
-trained. Bodies do not collide with themselves.
+What is below 1 in the table fails that often. Acrobatics (backflip, cartwheel, roll, spin, spinkick) were not trained. Bodies do
+not collide with themselves.
 
 ## Every clip
 
-| clip | survival | frames survived | body error (mm) | falls, frozen latent |
-|---|---|---|---|---|
+| clip | survival | frames survived | body error (mm) | falls, frozen latent | named | else taken for |
+|---|---|---|---|---|---|---|
 {clips}
 """
 
@@ -58,18 +94,12 @@ def model_card(result: dict[str, Any], metadata: dict[str, str], episodes: int, 
         episodes: Episodes per clip of the evaluation.
         compute: One line on what the training cost.
     """
-    summary = "\n".join(
-        f"| {name.replace('_', ' ')} | {row['clips']} | {row['survival']:.2f} | {row['lowest_survival']:.2f} "
-        f"| {row['error_mm']:.0f} |"
-        for name, row in result["summary"].items()
-    )
-    frozen = result["frozen_falls"]
-    clips = "\n".join(
-        f"| {name} | {row['survival']:.2f} | {row['frames']:.2f} | {row['error_mm']:.0f} "
-        f"| {f'{frozen[name]:.2f}' if name in frozen else ''} |"
-        for name, row in sorted(result["clips"].items())
-    )
-    numbers = {key: value for key, value in result.items() if isinstance(value, float)}
+    frozen, naming, steering, smooth = (result[key] for key in ("frozen_falls", "naming", "steering", "smoothness"))
+    shares = {
+        key: _share(value)
+        for key, value in result.items()
+        if key.endswith(("_falls", "_falls_mean", "_falls_highest", "_falls_stepping")) and not isinstance(value, dict)
+    }
     return _TEMPLATE.format(
         version=metadata["version"],
         digest=metadata["model_xml_sha256"],
@@ -77,7 +107,86 @@ def model_card(result: dict[str, Any], metadata: dict[str, str], episodes: int, 
         licence=metadata["licence"],
         compute=compute,
         episodes=episodes,
-        summary=summary,
-        clips=clips,
-        **numbers,
+        bars=_table(
+            (row["name"], _amount(row["value"], row["unit"]), _limit(row), _PASSED[row["met"]])
+            for row in result["bars"]
+        ),
+        summary=_table(
+            (name.replace("_", " "), row["clips"], *_rounded(row, 2, "survival", "lowest_survival"), *_error(row))
+            for name, row in result["summary"].items()
+        ),
+        naming=_share(naming["top1"]),
+        skate=_number(smooth["foot_skate"]["simulation"], 3),
+        reference_skate=_number(smooth["foot_skate"]["reference"], 3),
+        jerk=_number(smooth["jerk"]["simulation"], 0),
+        reference_jerk=_number(smooth["jerk"]["reference"], 0),
+        push_standing=_share(result["push_falls"]["standing"]),
+        push_walking=_share(result["push_falls"]["walking"]),
+        front=_share(result["get_up"]["front"]),
+        back=_share(result["get_up"]["back"]),
+        mirror_difference_degrees=result["mirror_difference_degrees"],
+        fastest=_table(
+            (
+                name.replace("_", " "),
+                _amount(row["speed"], "degrees/s" if name.startswith("turn") else "m/s"),
+                row["clip"],
+            )
+            for name, row in steering["fastest"].items()
+        ),
+        nearest=_table((wanted, _number(speed, 2)) for wanted, speed in steering["nearest_forward"].items()),
+        steering=_table(
+            (
+                name,
+                *_rounded(row, 2, "forward", "leftward"),
+                *_rounded(row, 0, "turn_left"),
+                f"{row['reference_forward']:.2f}, {row['reference_leftward']:.2f}, {row['reference_turn_left']:.0f}",
+                _share(row["falls"]),
+            )
+            for name, row in sorted(steering["clips"].items())
+        ),
+        clips=_table(
+            (
+                name,
+                *_rounded(row, 2, "survival", "frames"),
+                *_error(row),
+                _number(frozen.get(name), 2),
+                _number(naming["named"].get(name), 2),
+                naming["taken_for"].get(name, ""),
+            )
+            for name, row in sorted(result["clips"].items())
+        ),
+        **shares,
     )
+
+
+_PASSED = {True: "yes", False: "no", None: ""}
+
+
+def _table(rows: Iterable[Iterable[object]]) -> str:
+    return "\n".join("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _share(value: float | None) -> str:
+    return "not measured" if value is None else f"{value:.1%}"
+
+
+def _rounded(row: Mapping[str, float | None], digits: int, *keys: str) -> list[str]:
+    return [_number(row[key], digits) for key in keys]
+
+
+def _error(row: Mapping[str, float | None]) -> list[str]:
+    return _rounded(row, 0, "error_mm")
+
+
+def _amount(value: float | None, unit: str) -> str:
+    if value is None or unit == "share":
+        return _share(value)
+    return f"{value:.2f} {unit}" if unit in ("m/s", "times") else f"{value:.0f} {unit}"
+
+
+def _limit(row: Mapping[str, Any]) -> str:
+    return ("at most " if row["at_most"] else "at least ") + _amount(row["limit"], row["unit"])

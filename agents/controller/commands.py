@@ -1,4 +1,4 @@
-"""The commands `anyskill controller train` and `anyskill controller evaluate`."""
+"""The commands `anyskill controller train | evaluate | show`."""
 
 import json
 import logging
@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from agents.controller.card import model_card
-from agents.controller.evaluate import ACROBATIC, evaluate_controller
+from agents.controller.evaluate import evaluate_controller
 from agents.controller.reference import ReferenceMotions
+from agents.controller.selection import ACROBATIC, base_name
 from anyskill_envs.controller import WEIGHTS, LowLevelController, MotionEncoder
 from motion_data.clip import MotionClip
 from motion_data.library import MotionLibrary
@@ -40,7 +41,7 @@ def controller_clips(folder: Path | None, acrobatics: bool, mirrored: bool) -> l
         mirrored: Whether to add mirror images. Training needs none: distillation mirrors half of its samples.
     """
     clips: Sequence[MotionClip] = read_clips(folder) if folder else MotionLibrary.default(mirrored=mirrored).clips
-    return [clip for clip in clips if acrobatics or clip.name.removesuffix("_mirrored") not in ACROBATIC]
+    return [clip for clip in clips if acrobatics or base_name(clip.name) not in ACROBATIC]
 
 
 @dataclass(frozen=True)
@@ -95,14 +96,14 @@ def train(config: ControllerTraining) -> None:
 
 @dataclass(frozen=True)
 class ControllerEvaluation:
-    """Measures a controller: per clip through the encoder, under frozen latents, under random latents."""
+    """Measures a controller: how well it performs each clip, keeps its balance, gets up and can be steered."""
 
     weights: Path = field(default=WEIGHTS)
     """Folder of llc.onnx and motion_encoder.onnx; the bundled ones if not given."""
     clips: Path | None = None
     """Folder of motion clips (.npz); the project's library if not given."""
     episodes: int = 20
-    """Episodes per clip."""
+    """Episodes per clip; those of the other measurements are in proportion. 5 are a quick look."""
     json: bool = False
     """Print everything as JSON instead of a table."""
     card: Path | None = None
@@ -111,10 +112,13 @@ class ControllerEvaluation:
     """One line for the model card on what the training cost."""
 
 
+def _load(folder: Path) -> tuple[LowLevelController, MotionEncoder]:
+    return LowLevelController.load(folder / "llc.onnx"), MotionEncoder.load(folder / "motion_encoder.onnx")
+
+
 def evaluate(config: ControllerEvaluation) -> None:
-    """Prints survival and body error per clip, and falls under frozen and random latents."""
-    controller = LowLevelController.load(config.weights / "llc.onnx")
-    encoder = MotionEncoder.load(config.weights / "motion_encoder.onnx")
+    """Prints survival and body error per clip, and which bars the controller passes."""
+    controller, encoder = _load(config.weights)
     motions = ReferenceMotions(controller_clips(config.clips, acrobatics=True, mirrored=True))
     result = evaluate_controller(controller, encoder, motions, config.episodes)
     if config.card:
@@ -129,7 +133,36 @@ def evaluate(config: ControllerEvaluation) -> None:
         print(f"{name:34} {row['survival']:8.2f} {row['frames']:7.2f} {row['error_mm']:11.0f}")
     for name, row in result["summary"].items():
         print(f"{name}: {row['clips']} clips, survival {row['survival']:.2f}, error {row['error_mm']:.0f} mm")
-    print(f"falls in 10 s, frozen latent of a standing clip: mean {result['frozen_falls_mean']:.3f}", end="")
-    print(f", highest {result['frozen_falls_highest']:.3f}")
-    print(f"falls in 10 s, random latents of standing clips at 6 Hz: {result['random_falls']:.3f}")
-    print(f"falls in 10 s, uniform latents at 6 Hz: {result['uniform_falls']:.3f}")
+    for bar in result["bars"]:
+        value = "not measured" if bar["value"] is None else f"{bar['value']:.3g}"
+        verdict = {True: "passed", False: "missed", None: ""}[bar["met"]]
+        limit = f"at {'most' if bar['at_most'] else 'least'} {bar['limit']:g}"
+        print(f"{bar['name']:62} {value:>12} ({limit} {bar['unit']}) {verdict}")
+
+
+@dataclass(frozen=True)
+class ControllerStrips:
+    """Draws what a controller makes of each clip: a strip of the reference above the simulation."""
+
+    output: Path = Path("runs/strips")
+    """Folder of the pictures, NAME.png."""
+    weights: Path = field(default=WEIGHTS)
+    """Folder of llc.onnx and motion_encoder.onnx; the bundled ones if not given."""
+    clip: tuple[str, ...] = ()
+    """Names of the clips; all but mirror images if none is given."""
+    clips: Path | None = None
+    """Folder of motion clips (.npz); the project's library if not given."""
+    frames: int = 10
+    """Pictures in a row."""
+
+
+def show(config: ControllerStrips) -> None:
+    """Writes a PNG for each clip: the reference above, what the controller does below, at the same moments."""
+    from agents.controller.strips import draw_strips
+
+    controller, encoder = _load(config.weights)
+    clips = MotionLibrary(controller_clips(config.clips, acrobatics=True, mirrored=True))
+    names = config.clip or [name for name in clips.names if name == base_name(name)]
+    motions = ReferenceMotions([clips[name] for name in names])
+    paths = draw_strips(controller, encoder, motions, config.output, config.frames)
+    print(f"Wrote {len(paths)} strips, such as {paths[0]}")

@@ -1,39 +1,36 @@
-"""How good a controller is: per clip through the encoder, under frozen latents, under random latents."""
+"""How good a controller is: per clip through the encoder, and all other measurements in one result."""
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from agents.controller.bars import bars
+from agents.controller.fidelity import evaluate_naming, evaluate_smoothness, evaluate_symmetry
 from agents.controller.reference import ReferenceMotions
+from agents.controller.robustness import (
+    evaluate_frozen,
+    evaluate_get_up,
+    evaluate_interpolation,
+    evaluate_pushes,
+    evaluate_random,
+)
+from agents.controller.rollout import Controller, Encoder, perform, renewed, start
+from agents.controller.selection import (
+    ACROBATIC,
+    FLIGHT,
+    base_name,
+    on_feet_clips,
+    standing_clips,
+    unmirrored_clips,
+)
+from agents.controller.steering import evaluate_steering
 from agents.controller.tracking import tracking_distance
-from anyskill_envs.simulation import CONTROLLER_STEPS, HumanoidSimulation
-from motion_data.skeleton import body_index, kinematics
 
 FAILURE_DISTANCE = 0.4
 """Mean distance of the bodies from the reference (metres) at which an episode counts as not survived."""
-FALL_HEIGHT = 0.6
-"""Height of the centre of the head (metres) below which a humanoid that should be on its feet has fallen."""
 
-ACROBATIC = {"backflip", "cartwheel", "roll", "spin", "spinkick"}
-"""Clips with flight or acrobatics, reported apart."""
-FLIGHT = {"jump", "run"}
-"""Clips with a phase of flight, reported apart from those without."""
-
-
-class Controller(Protocol):
-    """What is evaluated: latents and observations to PD targets."""
-
-    def act(self, observation: np.ndarray, latent: np.ndarray) -> np.ndarray:
-        """PD targets ``(n, 28)``."""
-        ...
-
-
-class Encoder(Protocol):
-    """Motion windows to latents."""
-
-    def encode(self, windows: np.ndarray) -> np.ndarray:
-        """Latents ``(n, 64)``."""
-        ...
+_PERFORMANCES = 3  # of each clip on record, for the classifier, foot skate and jerk
+_MOST_FROZEN = 8  # episodes of each clip under a frozen latent; they last 10 s, so more would take most of the time
 
 
 def evaluate_clips(
@@ -53,16 +50,20 @@ def evaluate_clips(
     room = np.maximum(motions.lengths[clips] - 1 - 30, 0) / 2
     frame = motions.starts[clips] + (np.tile(np.linspace(0, 1, episodes), len(motions.names)) * room).astype(int)
     length = np.minimum(motions.last[frame] - frame, limit)
-    simulation = _start(motions, frame, np.random.default_rng(0))
+    simulation = start(motions, frame, np.random.default_rng(0))
+    latent_at = renewed(lambda step: encoder.encode(motions.windows(frame)))
     alive = np.ones(len(clips), bool)
     survived, error = np.zeros(len(clips)), np.zeros(len(clips))
+    targets = np.zeros((len(clips), 28), np.float32)
     for step in range(int(length.max())):
-        if step % CONTROLLER_STEPS == 0:
-            latent = encoder.encode(motions.windows(frame))
-        simulation.step(controller.act(simulation.observation(), latent))
+        # What has failed or ended is not measured any more, so it need not move either.
+        running = alive & (step < length)
+        if not running.any():
+            break
+        targets[running] = controller.act(simulation.observation()[running], latent_at(step)[running])
+        simulation.step(targets, active=running)
         frame = motions.ahead(frame, 1)
         distance = tracking_distance(simulation.observation(), motions.observations[frame])
-        running = step < length
         alive &= ~(running & ~(distance < FAILURE_DISTANCE))
         survived += alive & running
         error += np.where(alive & running, distance, 0)
@@ -77,156 +78,85 @@ def evaluate_clips(
     return result
 
 
-def standing_clips(motions: ReferenceMotions) -> np.ndarray:
-    """Clips that stand: upright with both feet planted (neither ankle moves by 6 cm), ``(k,)`` indices."""
-    return np.array([clip for clip in upright_clips(motions) if _ankle_travel(motions, clip) < 0.06], int)
+def _summary(rows: list[dict[str, float]]) -> dict[str, float]:
+    return {
+        "clips": len(rows),
+        "survival": float(np.mean([row["survival"] for row in rows])),
+        "lowest_survival": float(np.min([row["survival"] for row in rows])),
+        "error_mm": float(np.mean([row["error_mm"] for row in rows])),
+    }
 
 
-def upright_clips(motions: ReferenceMotions) -> np.ndarray:
-    """Clips that stay on their feet, or on one of them, without travelling (0.6 m), ``(k,)`` indices."""
-    chosen = []
-    for clip, (start, length) in enumerate(zip(motions.starts, motions.lengths, strict=True)):
-        frames = slice(start, start + length)
-        travel = np.ptp(motions.qpos[frames, :2], axis=0).max()
-        if motions.upright[frames].all() and travel < 0.6:
-            chosen.append(clip)
-    return np.array(chosen, int)
-
-
-def _ankle_travel(motions: ReferenceMotions, clip: int) -> float:
-    frames = slice(motions.starts[clip], motions.starts[clip] + motions.lengths[clip])
-    ankles = kinematics(motions.qpos[frames]).positions[:, [body_index("right_foot"), body_index("left_foot")]]
-    return float(np.ptp(ankles, axis=0).max())
-
-
-def upright_frames(motions: ReferenceMotions, clips: np.ndarray) -> np.ndarray:
-    """Frames of some clips that begin a window of at least 1 s, every 1/6 s."""
-    frames = [
-        np.arange(motions.starts[c], max(motions.starts[c] + 1, motions.last[motions.starts[c]] - 30), 5) for c in clips
-    ]
-    return np.concatenate(frames)
-
-
-def evaluate_frozen(
-    controller: Controller, encoder: Encoder, motions: ReferenceMotions, seconds: float = 10.0, episodes: int = 8
-) -> dict[str, float]:
-    """Falls under one latent that never changes, for each upright clip; starts in the clip's own state.
-
-    Returns:
-        Share of episodes with a fall, by clip name.
-    """
-    clips = np.repeat(upright_clips(motions), episodes)
-    room = np.maximum(motions.lengths[clips] - 31, 0)
-    phase = np.tile(np.linspace(0, 0.9, episodes), len(clips) // episodes)
-    frame = motions.starts[clips] + (phase * room).astype(int)
-    latent = encoder.encode(motions.windows(frame))
-    simulation = _start(motions, frame, np.random.default_rng(0))
-    fell = _falls(controller, simulation, lambda step: latent, seconds)
-    return {motions.names[clip]: float(fell[clips == clip].mean()) for clip in np.unique(clips)}
-
-
-def evaluate_random(
-    controller: Controller,
-    encoder: Encoder,
-    motions: ReferenceMotions,
-    seconds: float = 10.0,
-    episodes: int = 200,
-    uniform: bool = False,
-    seed: int = 0,
-) -> float:
-    """Falls while the latent is renewed at random at 6 Hz.
-
-    Args:
-        controller: The controller.
-        encoder: Its encoder.
-        motions: Reference motions; latents come from their standing clips.
-        seconds: Length of an episode.
-        episodes: Number of episodes.
-        uniform: Draw latents uniformly from the sphere instead.
-        seed: Seed of the draws.
-
-    Returns:
-        Share of episodes with a fall.
-    """
-    rng = np.random.default_rng(seed)
-    frames = upright_frames(motions, standing_clips(motions))
-    bank = encoder.encode(motions.windows(frames))
-    simulation = _start(motions, rng.choice(frames, episodes), rng)
-    latent = bank[:0]
-
-    def renew(step: int) -> np.ndarray:
-        nonlocal latent
-        if step % CONTROLLER_STEPS == 0:
-            if uniform:
-                latent = rng.standard_normal((episodes, bank.shape[1])).astype(np.float32)
-                latent /= np.linalg.norm(latent, axis=1, keepdims=True)
-            else:
-                latent = bank[rng.integers(len(bank), size=episodes)]
-        return latent
-
-    return float(_falls(controller, simulation, renew, seconds).mean())
-
-
-def _start(motions: ReferenceMotions, frame: np.ndarray, rng: np.random.Generator) -> HumanoidSimulation:
-    simulation = HumanoidSimulation(len(frame))
-    qpos, qvel = motions.qpos[frame].copy(), motions.qvel[frame].copy()
-    qpos[:, 7:] += 0.01 * rng.standard_normal((len(frame), 28))
-    qvel += 0.05 * rng.standard_normal(qvel.shape)
-    simulation.reset(np.arange(len(frame)), qpos, qvel)
-    return simulation
-
-
-def _falls(controller: Controller, simulation: HumanoidSimulation, latent_at: Any, seconds: float) -> np.ndarray:
-    fell = np.zeros(len(simulation), bool)
-    for step in range(round(seconds * 30)):
-        diverged = simulation.step(controller.act(simulation.observation(), latent_at(step)))
-        fell |= diverged | (simulation.head_height < FALL_HEIGHT)
-    return fell
+def _groups(motions: ReferenceMotions) -> dict[str, list[str]]:
+    """Names of the clips by kind, then (overlapping) those without acrobatics: all, in place, and travelling ones."""
+    groups: dict[str, list[str]] = {}
+    overall: dict[str, list[str]] = {"all_but_acrobatic": [], "in_place": [], "locomotion": []}
+    for clip in motions.clips:
+        base = base_name(clip.name)
+        if "authored" in clip.source.lower():
+            kind = "authored_in_place" if "act_in_place" in clip.categories else "authored_moving"
+        elif base in ACROBATIC:
+            kind = "real_acrobatic"
+        else:
+            kind = "real_with_flight" if base in FLIGHT else "real_without_flight"
+        groups.setdefault(kind, []).append(clip.name)
+        if base not in ACROBATIC:
+            overall["all_but_acrobatic"].append(clip.name)
+            for category, group in (("act_in_place", "in_place"), ("move_around", "locomotion")):
+                if category in clip.categories:
+                    overall[group].append(clip.name)
+    return {**dict(sorted(groups.items())), **{kind: names for kind, names in overall.items() if names}}
 
 
 def evaluate_controller(
     controller: Controller, encoder: Encoder, motions: ReferenceMotions, episodes: int = 20
 ) -> dict[str, Any]:
-    """All measurements of the controller, ready for JSON.
+    """All measurements of the controller, ready for JSON; None stands for what these motions cannot measure.
+
+    Args:
+        controller: The controller.
+        encoder: Its encoder.
+        motions: Reference motions.
+        episodes: Episodes per clip, at most 8 of them under a frozen latent. The number of episodes of the other
+            measurements is in proportion; with 20 it is their default.
 
     Returns:
-        ``clips`` (see :func:`evaluate_clips`); ``frozen_falls`` by upright clip, their mean and highest over the standing
-        ones and their mean over the others; ``random_falls``, ``uniform_falls``; and ``summary``: survival and error of
-        in-place authored clips, of real clips without flight or acrobatics, and so on.
+        ``clips`` (see :func:`evaluate_clips`) and their means by kind of clip, ``summary``; ``frozen_falls`` by upright
+        clip, their mean and highest over the standing ones and their mean over the others; ``random_falls`` (latents of
+        standing clips), ``random_upright_falls`` (of all clips on the feet), ``uniform_falls``, ``interpolation_falls``,
+        ``push_falls``, ``get_up`` (see :mod:`agents.controller.robustness`); ``naming``, ``smoothness``,
+        ``mirror_difference_degrees`` (:mod:`agents.controller.fidelity`); ``steering``
+        (:mod:`agents.controller.steering`); ``bars`` (:mod:`agents.controller.bars`).
     """
-    clips = evaluate_clips(controller, encoder, motions, episodes)
-    frozen = evaluate_frozen(controller, encoder, motions, episodes=episodes)
-    standing = {motions.names[clip] for clip in standing_clips(motions)}
-    stepping = [rate for name, rate in frozen.items() if name not in standing]
-    by_name = {clip.name: clip for clip in motions.clips}
+    both = controller, encoder, motions
 
-    def group(name: str) -> str:
-        clip, base = by_name[name], name.removesuffix("_mirrored")
-        if "authored" in clip.source.lower():
-            return "authored_in_place" if "act_in_place" in clip.categories else "authored_moving"
-        if base in ACROBATIC:
-            return "real_acrobatic"
-        return "real_with_flight" if base in FLIGHT else "real_without_flight"
+    def share(usual: int) -> int:
+        return max(1, round(usual * episodes / 20))
 
-    groups: dict[str, list[str]] = {}
-    for name in clips:
-        groups.setdefault(group(name), []).append(name)
-    summary = {
-        kind: {
-            "clips": len(names),
-            "survival": float(np.mean([clips[name]["survival"] for name in names])),
-            "lowest_survival": float(np.min([clips[name]["survival"] for name in names])),
-            "error_mm": float(np.mean([clips[name]["error_mm"] for name in names])),
-        }
-        for kind, names in sorted(groups.items())
-    }
-    return {
-        "summary": summary,
-        "frozen_falls_mean": float(np.mean([frozen[name] for name in standing])),
-        "frozen_falls_highest": float(np.max([frozen[name] for name in standing])),
+    clips = evaluate_clips(*both, episodes)
+    frozen = evaluate_frozen(*both, episodes=min(episodes, _MOST_FROZEN))
+    standing_names = {motions.names[clip] for clip in standing_clips(motions)}
+    standing = [rate for name, rate in frozen.items() if name in standing_names]
+    stepping = [rate for name, rate in frozen.items() if name not in standing_names]
+    on_feet = on_feet_clips(motions)
+    unmirrored = np.repeat(unmirrored_clips(motions), min(_PERFORMANCES, episodes))
+    performance = perform(*both, unmirrored, np.random.default_rng(0))
+    result = {
+        "summary": {kind: _summary([clips[name] for name in names]) for kind, names in _groups(motions).items()},
+        "frozen_falls_mean": float(np.mean(standing)) if standing else None,
+        "frozen_falls_highest": float(np.max(standing)) if standing else None,
         "frozen_falls_stepping": float(np.mean(stepping)) if stepping else 0.0,
-        "random_falls": evaluate_random(controller, encoder, motions),
-        "uniform_falls": evaluate_random(controller, encoder, motions, uniform=True),
+        "random_falls": evaluate_random(*both, episodes=share(200)) if standing else None,
+        "random_upright_falls": evaluate_random(*both, episodes=share(200), clips=on_feet) if len(on_feet) else None,
+        "uniform_falls": evaluate_random(*both, episodes=share(200), uniform=True) if standing else None,
+        "interpolation_falls": evaluate_interpolation(*both, episodes=share(100)),
+        "push_falls": evaluate_pushes(*both, episodes=share(100)),
+        "get_up": evaluate_get_up(*both, episodes=share(50)),
+        "naming": evaluate_naming(performance, motions),
+        "smoothness": evaluate_smoothness(performance, motions),
+        "mirror_difference_degrees": evaluate_symmetry(*both),
+        "steering": evaluate_steering(*both),
         "frozen_falls": frozen,
         "clips": clips,
     }
+    return {"bars": bars(result), **result}
