@@ -41,10 +41,11 @@ COMMANDS: dict[str, Command] = {
         },
     ),
     "controller": Command(
-        "train or evaluate the low-level controller",
+        "train, evaluate or draw the low-level controller",
         subcommands={
             "train": "agents.controller.commands:train",
             "evaluate": "agents.controller.commands:evaluate",
+            "show": "agents.controller.commands:show",
             "calm": "agents.controller.calm.command:calm",
         },
     ),
