@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import gymnasium as gym
@@ -46,18 +47,25 @@ class DecreaseCounter:
         self._probability = probability
         self._falls = np.zeros(count, np.int64)
         self._last = np.full(count, -np.inf)
+        self._rng = np.random.default_rng()
+
+    def seed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Seed the draws; the environment's own randomness is left alone."""
+        if isinstance(seed, Sequence):
+            seed = [0 if item is None else item for item in seed]
+        if seed is not None:
+            self._rng = np.random.default_rng(seed)
 
     def start(self, ids: ArrayLike) -> None:
         """Begin new episodes."""
         self._falls[ids] = 0
         self._last[ids] = -np.inf
 
-    def given_up(self, info: dict[str, Any], rng: np.random.Generator) -> BoolArray:
+    def given_up(self, info: dict[str, Any]) -> BoolArray:
         """Take in one step.
 
         Args:
             info: of the step, with the similarities ``(n,)``.
-            rng: draws who is given up; only used where the patience has come to its end.
 
         Returns:
             Episodes that end here, ``(n,)``.
@@ -72,14 +80,14 @@ class DecreaseCounter:
                 'Early termination watches info["similarity"], which this environment does not give: use HumanoidText-v0, '
                 "or wrap the environment in TextReward with a reward about a text first."
             )
-        similarity = np.atleast_1d(np.asarray(info["similarity"], np.float64))
+        similarity = np.atleast_1d(np.array(info["similarity"], np.float64))  # a copy: the info is the user's
         fell = similarity < self._last
         self._last = similarity
         self._falls = np.where(fell, self._falls + 1, 0 if self._rule == "successive" else self._falls)
         over = np.flatnonzero(self._falls >= self._patience)
         self._falls[over] = 0
         ends = np.zeros(len(self._falls), bool)
-        ends[over] = rng.random(len(over)) < self._probability
+        ends[over] = self._rng.random(len(over)) < self._probability
         return ends
 
 
@@ -114,6 +122,7 @@ class EarlyTermination(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start a new episode."""
+        self._counter.seed(seed)
         self._counter.start(0)
         observation, info = self.env.reset(seed=seed, options=options)
         return observation, info | {"early_termination": False}
@@ -121,7 +130,7 @@ class EarlyTermination(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Take a step of the environment."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        early = bool(self._counter.given_up(info, self.np_random)[0]) and not (terminated or truncated)
+        early = bool(self._counter.given_up(info)[0]) and not (terminated or truncated)
         return observation, reward, terminated or early, truncated, info | {"early_termination": early}
 
 
@@ -158,6 +167,7 @@ class VectorEarlyTermination(VectorWrapper[Any, Any, Any, Any, NDArray[Any]]):
         """Start new episodes."""
         mask = np.array((options or {}).get("reset_mask", np.ones(self.num_envs, bool)))
         observations, infos = self.env.reset(seed=seed, options=options)
+        self._counter.seed(seed)
         self._counter.start(mask)
         self._resetting[mask] = self._given_up[mask] = False
         return observations, self._told(infos, np.zeros(self.num_envs, bool))
@@ -170,7 +180,7 @@ class VectorEarlyTermination(VectorWrapper[Any, Any, Any, Any, NDArray[Any]]):
             observations, infos = self._reset_now(infos, mask)
             rewards = np.where(mask, 0.0, rewards)
             terminated, truncated = terminated & ~mask, truncated & ~mask
-        early = self._counter.given_up(infos, self.np_random) & ~(terminated | truncated | self._resetting)
+        early = self._counter.given_up(infos) & ~(terminated | truncated | self._resetting)
         terminated = terminated | early
         done = terminated | truncated
         infos = self._told(infos, early)

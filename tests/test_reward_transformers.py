@@ -1,0 +1,114 @@
+"""Encoders from `transformers`: parity with plain calls on a small random CLIP, and errors that help."""
+
+import string
+import sys
+
+import numpy as np
+import pytest
+
+from rewards import RewardBatch, load_encoder, make_reward
+from rewards.encoders import Encoder
+
+torch = pytest.importorskip("torch")
+transformers = pytest.importorskip("transformers")
+
+TEXTS = ["wave the right hand", "squat", "raise both arms above the head and hold them there"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A CLIP of two tiny towers, saved as a downloaded model is."""
+    words = ["<|startoftext|>", "<|endoftext|>", *string.ascii_lowercase]
+    vocabulary = {word: index for index, word in enumerate(words + [f"{letter}</w>" for letter in words[2:]])}
+    tower = {"hidden_size": 16, "intermediate_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2}
+    config = transformers.CLIPConfig(
+        text_config=tower
+        | {"vocab_size": len(vocabulary), "max_position_embeddings": 20, "bos_token_id": 0, "eos_token_id": 1},
+        vision_config=tower | {"image_size": 32, "patch_size": 8},
+        projection_dim=12,
+    )
+    path = tmp_path_factory.mktemp("clip")
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        transformers.CLIPModel(config).save_pretrained(path)
+    transformers.CLIPTokenizer(vocab=vocabulary, merges=[]).save_pretrained(path)
+    # Not CLIP's own numbers: the preprocessing must come from the folder.
+    transformers.CLIPImageProcessorPil(
+        size={"shortest_edge": 36}, crop_size={"height": 32, "width": 32}, image_mean=[0.3, 0.4, 0.5]
+    ).save_pretrained(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def encoder(folder):
+    return load_encoder(str(folder), batch_size=2)
+
+
+def pictures(count=3):
+    return np.random.default_rng(0).integers(0, 256, (count, 40, 60, 3), dtype=np.uint8)
+
+
+def unit(values):
+    return values / np.linalg.norm(values, axis=-1, keepdims=True)
+
+
+def test_features_are_those_of_plain_transformers(folder, encoder):
+    from PIL import Image
+
+    model = transformers.CLIPModel.from_pretrained(folder).eval()
+    tokenizer = transformers.AutoTokenizer.from_pretrained(folder)
+    processor = transformers.CLIPImageProcessorPil.from_pretrained(folder)
+    frames = pictures()
+    with torch.no_grad():
+        output = model(
+            **tokenizer(TEXTS, padding=True, truncation=True, max_length=20, return_tensors="pt"),
+            **processor([Image.fromarray(frame) for frame in frames], return_tensors="pt"),
+        )
+    np.testing.assert_allclose(encoder.encode_text(TEXTS), output.text_embeds.numpy(), atol=1e-6)
+    np.testing.assert_allclose(encoder.encode_image(frames), output.image_embeds.numpy(), atol=1e-6)
+    assert isinstance(encoder, Encoder) and encoder.feature_size == 12
+
+
+def test_a_film_is_the_mean_of_its_frames(encoder):
+    films = pictures(6).reshape(2, 3, 40, 60, 3)
+    expected = unit(encoder.encode_image(pictures(6)).reshape(2, 3, 12).mean(1))
+    np.testing.assert_allclose(encoder.encode_image(films), expected, atol=1e-6)
+
+
+def test_rewards_look_at_pictures_with_it(encoder):
+    reward = make_reward("vlm-rm", encoder=encoder)
+    assert reward.needs == {"frames", "text"}
+    output = reward(RewardBatch(frames=pictures(), text_feature=reward.encode_text(["squat"])[0]))
+    np.testing.assert_allclose(output.similarity, encoder.encode_image(pictures()) @ encoder.encode_text(["squat"])[0])
+    with pytest.raises(ValueError, match="no state projection"):
+        make_reward("clip", encoder=encoder, source="state")
+    with pytest.raises(NotImplementedError, match="frames"):
+        encoder.encode_state(np.zeros((1, 223), np.float32))
+
+
+def test_without_network_the_error_says_how_to_go_on(monkeypatch):
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
+    with pytest.raises(FileNotFoundError, match="hf download nobody/no-such-clip --local-dir FOLDER"):
+        load_encoder("hf:nobody/no-such-clip")
+
+
+def test_a_folder_that_is_not_a_whole_model(folder, tmp_path):
+    (tmp_path / "config.json").write_bytes((folder / "config.json").read_bytes())
+    with pytest.raises(FileNotFoundError, match="weights, preprocessor_config.json"):
+        load_encoder(str(tmp_path))
+
+
+def test_a_model_that_is_no_clip(folder, tmp_path):
+    transformers.BertModel(
+        transformers.BertConfig(
+            hidden_size=8, intermediate_size=8, num_hidden_layers=1, num_attention_heads=1, vocab_size=9
+        )
+    ).save_pretrained(tmp_path)
+    with pytest.raises(ValueError, match="BertModel.*no CLIP-like model"):
+        load_encoder(str(tmp_path))
+
+
+def test_missing_package_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "transformers", None)
+    with pytest.raises(ImportError, match=r"pip install .*encoder"):
+        load_encoder("hf:nobody/no-such-clip")
