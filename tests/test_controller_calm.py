@@ -29,6 +29,7 @@ from motion_data.authored import authored_clips
 from motion_data.skeleton import BODY_NAMES, JOINT_NAMES, kinematics
 
 REAL, FAKE, MISMATCHED = torch.tensor([2.0, 0.5]), torch.tensor([-1.0, 0.3, 1.2]), torch.tensor([0.0])
+HIP = ("pelvis", "right_thigh")
 
 
 @pytest.fixture(scope="module")
@@ -139,15 +140,12 @@ def test_what_the_discriminator_sees(motions: ReferenceMotions) -> None:
     frames = np.array([3, 40, 150])
     features = imitation_features(motions.observations[frames], motions.qvel[frames, 6:])
     assert features.shape == (3, IMITATION_FEATURES) == (3, 125)
-    rotations = Rotation.from_quat(
-        kinematics(motions.qpos[frames]).quaternions[:, [9, 10]].reshape(-1, 4), scalar_first=True
-    )
-    thigh, shin = rotations[0::2], rotations[1::2]
-    assert BODY_NAMES[9:11] == ("right_thigh", "right_shin")
-    knee = (thigh.inv() * shin).as_matrix()
-    place = 13 + 6 * 7  # the 8th jointed body: torso, head, 2 x (upper arm, lower arm), thigh, shin
-    np.testing.assert_allclose(features[:, place : place + 3], knee[:, :, 0], atol=1e-5)
-    np.testing.assert_allclose(features[:, place + 3 : place + 6], knee[:, :, 2], atol=1e-5)
+    quaternions = kinematics(motions.qpos[frames]).quaternions
+    pelvis, thigh = (Rotation.from_quat(quaternions[:, BODY_NAMES.index(name)], scalar_first=True) for name in HIP)
+    hip = (pelvis.inv() * thigh).as_matrix()
+    place = 13 + 6 * 6  # the 7th jointed body, after torso, head, two upper and two lower arms
+    np.testing.assert_allclose(features[:, place : place + 3], hip[:, :, 0], atol=1e-5)
+    np.testing.assert_allclose(features[:, place + 3 : place + 6], hip[:, :, 2], atol=1e-5)
     np.testing.assert_allclose(features[:, 85:113], motions.qvel[frames, 6:], atol=1e-5)
     simulation = HumanoidSimulation(3)
     simulation.reset(np.arange(3), motions.qpos[frames])
