@@ -23,10 +23,15 @@ Entries = dict[str, NDArray[Any]]
 class RewardSource(Protocol):
     """Computes the reward of one step of n environments out of what the step returned."""
 
-    episodic: EpisodicReward
-    """The reward at work."""
-    record: tuple[str, ...]
-    """Keys of `info` that the source reads and that its user did not ask for."""
+    @property
+    def episodic(self) -> EpisodicReward:
+        """The reward at work."""
+        ...
+
+    @property
+    def record(self) -> tuple[str, ...]:
+        """Keys of `info` that the source reads and that its user did not ask for."""
+        ...
 
     def start(self, ids: NDArray[np.int64], observations: Any) -> None:
         """Begin episodes of the environments `ids`; `observations` are those of all environments."""
@@ -69,7 +74,9 @@ class HumanoidSource:
         latents = None if controller is None else controller.latents
         self._env = env
         self.episodic: HumanoidReward = HumanoidReward(reward, texts, env._camera, latents)
-        self.record = () if env.record_controller_steps else ("controller_observations", "controller_qpos")
+        self.record: tuple[str, ...] = (
+            () if env.record_controller_steps else ("controller_observations", "controller_qpos")
+        )
         env.record_controller_steps = True
 
     def start(self, ids: NDArray[np.int64], observations: Any) -> None:
@@ -119,7 +126,7 @@ class ShownSource:
         ValueError: the reward looks at something that this environment does not show.
     """
 
-    record = ()
+    record: tuple[str, ...] = ()
 
     def __init__(
         self,

@@ -59,7 +59,8 @@ class TextReward(RebuiltFromArguments, gym.Wrapper[Any, Any, Any, Any], RecordCo
         reward_kwargs: Mapping[str, Any] | None = None,
         encoder: Any = "bundled",
     ) -> None:
-        if isinstance(env, VectorEnv):
+        given: Any = env
+        if isinstance(given, VectorEnv):
             raise TypeError("TextReward wraps single environments: use VectorTextReward for those of gym.make_vec.")
         RecordConstructorArgs.__init__(
             self, text=text, reward=reward, reward_kwargs=reward_kwargs, encoder=encoder, _disable_deepcopy=True

@@ -93,6 +93,6 @@ def _unit(direction: ArrayLike) -> FloatArray:
     vector = np.asarray(direction, np.float32)
     length = float(np.linalg.norm(vector))
     if vector.shape != (2,) or not 0.0 < length < np.inf:
-        raise ValueError(f"A direction must be two numbers, x and y, that are not both 0, not {direction}.")
+        raise ValueError(f"A direction must be two numbers, x and y, that are not both 0, not {direction!r}.")
     unit: FloatArray = vector / length
     return unit
