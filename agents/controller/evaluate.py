@@ -30,7 +30,6 @@ FAILURE_DISTANCE = 0.4
 """Mean distance of the bodies from the reference (metres) at which an episode counts as not survived."""
 
 _PERFORMANCES = 3  # of each clip on record, for the classifier, foot skate and jerk
-_MOST_FROZEN = 8  # episodes of each clip under a frozen latent; they last 10 s, so more would take most of the time
 
 
 def evaluate_clips(
@@ -117,8 +116,8 @@ def evaluate_controller(
         controller: The controller.
         encoder: Its encoder.
         motions: Reference motions.
-        episodes: Episodes per clip, at most 8 of them under a frozen latent. The number of episodes of the other
-            measurements is in proportion; with 20 it is their default.
+        episodes: Episodes per clip. The number of episodes of the other measurements is in proportion; with 20 it is
+            their default.
 
     Returns:
         ``clips`` (see :func:`evaluate_clips`) and their means by kind of clip, ``summary``; ``frozen_falls`` by upright
@@ -134,7 +133,7 @@ def evaluate_controller(
         return max(1, round(usual * episodes / 20))
 
     clips = evaluate_clips(*both, episodes)
-    frozen = evaluate_frozen(*both, episodes=min(episodes, _MOST_FROZEN))
+    frozen = evaluate_frozen(*both, episodes=episodes)
     standing_names = {motions.names[clip] for clip in standing_clips(motions)}
     standing = [rate for name, rate in frozen.items() if name in standing_names]
     stepping = [rate for name, rate in frozen.items() if name not in standing_names]

@@ -41,7 +41,7 @@ def evaluate_steering(controller: Controller, encoder: Encoder, motions: Referen
 
     Returns:
         ``fastest``: for ``forward``, ``backward``, ``left``, ``right`` (m/s) and ``turn_left``, ``turn_right``
-        (degrees/s) the highest ``speed`` of a latent under which the humanoid did not fall, and its ``clip``;
+        (degrees/s) the highest ``speed`` of a latent under which the humanoid did not fall, and its ``clip`` (0, "" if none);
         ``nearest_forward``: for each of :data:`WANTED_SPEEDS` the nearest forward speed of a latent, and ``largest_gap``,
         how far the worst of them is off; ``clips``: by clip the mean ``forward``, ``leftward``, ``turn_left`` over its
         latents (of those without a fall), the same of the reference, and ``falls``.
@@ -61,22 +61,22 @@ def evaluate_steering(controller: Controller, encoder: Encoder, motions: Referen
     fell = falls(controller, simulation, latent_at, _SECONDS, note)
     reached = travel(np.stack(record, 1)) if len(record) > 1 else np.zeros((len(frames), 3))
     wanted = _reference_travel(motions, frames)
+    names = [motions.names[clip] for clip in clips]
+    measures = ("forward", "leftward", "turn_left")
     rows = {}
     for clip in np.unique(clips):
         mine = clips == clip
         upright = mine & ~fell
         mean = reached[upright].mean(0) if upright.any() else np.full(3, np.nan)
-        names = ("forward", "leftward", "turn_left")
         rows[motions.names[clip]] = {
-            **{name: None if np.isnan(value) else float(value) for name, value in zip(names, mean, strict=True)},
-            **{f"reference_{name}": float(value) for name, value in zip(names, wanted[mine].mean(0), strict=True)},
+            **{name: None if np.isnan(value) else float(value) for name, value in zip(measures, mean, strict=True)},
+            **{f"reference_{name}": float(value) for name, value in zip(measures, wanted[mine].mean(0), strict=True)},
             "falls": float(fell[mine].mean()),
         }
     upright = np.flatnonzero(~fell)
-    names = [motions.names[clip] for clip in clips[upright]]
     nearest = _nearest_forward(reached[upright])
     return {
-        "fastest": _fastest(reached[upright], names),
+        "fastest": _fastest(reached[upright], [names[index] for index in upright]),
         "nearest_forward": nearest,
         "largest_gap": max((abs(float(wanted) - speed) for wanted, speed in nearest.items()), default=None),
         "clips": rows,
@@ -104,9 +104,8 @@ def _fastest(reached: np.ndarray, names: list[str]) -> dict[str, dict[str, Any]]
         "turn_right": np.maximum(-turn, 0),
     }
     return {
-        name: {"speed": float(values.max()), "clip": names[int(values.argmax())]}
+        name: {"speed": float(values.max(initial=0)), "clip": names[int(values.argmax())] if values.any() else ""}
         for name, values in directions.items()
-        if values.size and values.max() > 0
     }
 
 
