@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Rule = Literal["successive", "cumulative", "off"]
 BoolArray = NDArray[np.bool_]
@@ -52,11 +52,11 @@ class DecreaseCounter:
     def seed(self, seed: int | Sequence[int | None] | None) -> None:
         """Seed the draws; the environment's own randomness is left alone."""
         if isinstance(seed, Sequence):
-            seed = [0 if item is None else item for item in seed]
-        if seed is not None:
+            self._rng = np.random.default_rng([0 if item is None else item for item in seed])
+        elif seed is not None:
             self._rng = np.random.default_rng(seed)
 
-    def start(self, ids: ArrayLike) -> None:
+    def start(self, ids: int | NDArray[Any]) -> None:
         """Begin new episodes."""
         self._falls[ids] = 0
         self._last[ids] = -np.inf

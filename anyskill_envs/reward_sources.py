@@ -28,11 +28,6 @@ class RewardSource(Protocol):
         """The reward at work."""
         ...
 
-    @property
-    def record(self) -> tuple[str, ...]:
-        """Keys of `info` that the source reads and that its user did not ask for."""
-        ...
-
     def start(self, ids: NDArray[np.int64], observations: Any) -> None:
         """Begin episodes of the environments `ids`; `observations` are those of all environments."""
         ...
@@ -57,7 +52,7 @@ class RewardSource(Protocol):
 class HumanoidSource:
     """Humanoids of this project: a reward for each controller step, averaged, as `HumanoidText-v0` does it.
 
-    The poses and observations of the controller steps come through `info`: recording them is switched on here.
+    Poses and observations of the controller steps come through `info`: `record_controller_steps` is switched on here.
 
     Args:
         env: the batch of humanoids.
@@ -74,9 +69,6 @@ class HumanoidSource:
         latents = None if controller is None else controller.latents
         self._env = env
         self.episodic: HumanoidReward = HumanoidReward(reward, texts, env._camera, latents)
-        self.record: tuple[str, ...] = (
-            () if env.record_controller_steps else ("controller_observations", "controller_qpos")
-        )
         env.record_controller_steps = True
 
     def start(self, ids: NDArray[np.int64], observations: Any) -> None:
@@ -90,7 +82,9 @@ class HumanoidSource:
     def entries(self, observations: Any, infos: dict[str, Any]) -> Entries:
         """Means over the executed controller steps; one in which the simulation diverged earns nothing."""
         seen, qpos = infos["controller_observations"], infos["controller_qpos"]
-        executed, latents = infos["controller_steps"], infos.get("latent")
+        latents = infos.get("latent")
+        # A wrapper of the actions may have counted more steps than the last one, which is recorded.
+        executed = np.minimum(infos["controller_steps"], seen.shape[1])
         sums: Entries = {}
         for step in range(seen.shape[1]):
             last = step == executed - 1
@@ -125,8 +119,6 @@ class ShownSource:
     Raises:
         ValueError: the reward looks at something that this environment does not show.
     """
-
-    record: tuple[str, ...] = ()
 
     def __init__(
         self,

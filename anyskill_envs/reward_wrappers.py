@@ -16,7 +16,7 @@ from anyskill_envs.reward_sources import Entries, HumanoidSource, RewardSource, 
 from anyskill_envs.single import HumanoidEnv
 from anyskill_envs.vector import HumanoidVectorEnv
 from anyskill_envs.vector_info import with_masks
-from rewards import RewardFn, make_reward
+from rewards import Encoder, RewardFn, make_reward
 from rewards.episodic import checked_texts
 
 
@@ -28,7 +28,8 @@ class TextReward(RebuiltFromArguments, gym.Wrapper[Any, Any, Any, Any], RecordCo
     rewards that look at states want observations that their encoder was made for.
 
     `info` holds every term as `reward_<term>` (they add up to the reward), `similarity`, and what the environment gave
-    itself as `original_reward` and `original_reward_<term>`. `reset(options={"text": ...})` changes the text.
+    itself as `original_reward` and `original_reward_<term>`; humanoids also record their controller steps there.
+    `reset(options={"text": ...})` changes the text.
 
     Example:
         >>> import gymnasium as gym, anyskill_envs
@@ -57,7 +58,7 @@ class TextReward(RebuiltFromArguments, gym.Wrapper[Any, Any, Any, Any], RecordCo
         text: str,
         reward: str | Mapping[str, float] | RewardFn = "clip",
         reward_kwargs: Mapping[str, Any] | None = None,
-        encoder: Any = "bundled",
+        encoder: str | Encoder = "bundled",
     ) -> None:
         given: Any = env
         if isinstance(given, VectorEnv):
@@ -114,7 +115,7 @@ class TextReward(RebuiltFromArguments, gym.Wrapper[Any, Any, Any, Any], RecordCo
 
     def _told(self, info: dict[str, Any], original: float, entries: Entries) -> dict[str, Any]:
         own = {key: value[0].item() if value.ndim == 1 else value[0].copy() for key, value in entries.items()}
-        return _renamed(info, self._source.record) | {"original_reward": original} | own
+        return _renamed(info) | {"original_reward": original} | own
 
 
 class VectorTextReward(RebuiltFromArguments, VectorWrapper[Any, Any, Any, Any, NDArray[Any]]):
@@ -139,7 +140,7 @@ class VectorTextReward(RebuiltFromArguments, VectorWrapper[Any, Any, Any, Any, N
         text: str | Sequence[str],
         reward: str | Mapping[str, float] | RewardFn = "clip",
         reward_kwargs: Mapping[str, Any] | None = None,
-        encoder: Any = "bundled",
+        encoder: str | Encoder = "bundled",
     ) -> None:
         if not isinstance(env, VectorEnv):
             raise TypeError(f"VectorTextReward wraps vector environments (of gym.make_vec), got {env}: use TextReward.")
@@ -228,7 +229,7 @@ class VectorTextReward(RebuiltFromArguments, VectorWrapper[Any, Any, Any, Any, N
     ) -> dict[str, Any]:
         own = {"original_reward": np.array(originals, np.float64)}
         own |= {key: np.array(value) for key, value in entries.items()}
-        return _renamed(infos, self._source.record) | with_masks(own, mask)
+        return _renamed(infos) | with_masks(own, mask)
 
 
 _CONTROLLER_STEP_KEYS = ("controller_observations", "controller_qpos", "controller_steps", "diverged", "latent")
@@ -253,11 +254,10 @@ def _chosen(mask: NDArray[np.bool_], rows: NDArray[Any], others: NDArray[Any]) -
     return chosen
 
 
-def _renamed(info: dict[str, Any], without: Sequence[str]) -> dict[str, Any]:
-    """`info` (or vector info) with the terms of the replaced reward named as such, and without some keys."""
+def _renamed(info: dict[str, Any]) -> dict[str, Any]:
+    """`info` (or vector info) with the terms of the replaced reward named as such."""
     renamed = {}
     for key, value in info.items():
         mask, name = ("_", key[1:]) if key.startswith("_") else ("", key)
-        if name not in without:
-            renamed[mask + ("original_" + name if name.startswith("reward_") else name)] = value
+        renamed[mask + ("original_" + name if name.startswith("reward_") else name)] = value
     return renamed

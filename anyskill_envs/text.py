@@ -15,7 +15,7 @@ from anyskill_envs.controller import LowLevelController
 from anyskill_envs.humanoid_reward import HumanoidReward
 from anyskill_envs.latent import HumanoidLatentEnv, HumanoidLatentVectorEnv
 from anyskill_envs.rendering import Camera
-from rewards import RewardFn, RewardOutput, make_reward
+from rewards import Encoder, RewardFn, RewardOutput, make_reward
 from rewards.episodic import checked_texts
 
 DEFAULT_TEXT = "raise both arms above the head"
@@ -30,7 +30,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         reward: name of a reward of the package `rewards`; or weights by name, ``{"clip": 0.8, "velocity": 0.2}``, for a
             sum; or a reward.
         reward_kwargs: arguments of the reward's constructor, beside `encoder`; see `rewards.make_reward`.
-        encoder: name of the encoder that compares text and motion; see `rewards.load_encoder`.
+        encoder: what compares text and motion: a name, see `rewards.load_encoder`, or an encoder.
         text_observation: append the text's feature to the observation, for one policy that is told many texts.
         terminate_when_fallen: see :class:`HumanoidVectorEnv`; a fall ends the episode by default.
         controller: path of the controller's ONNX file, or a loaded controller; the bundled one if None.
@@ -52,7 +52,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         text: str | Sequence[str] = DEFAULT_TEXT,
         reward: str | Mapping[str, float] | RewardFn = "clip",
         reward_kwargs: Mapping[str, Any] | None = None,
-        encoder: str = "bundled",
+        encoder: str | Encoder = "bundled",
         text_observation: bool = False,
         terminate_when_fallen: bool = True,
         controller: LowLevelController | str | Path | None = None,

@@ -29,10 +29,11 @@ EVERYTHING = {"reward": WEIGHTS, "reward_kwargs": PARTS, "encoder": "small"}
 
 
 def same_rewards(ours, theirs):
-    """The wrapper's info has what the environment's info has, and the rewards that it replaced."""
-    assert set(theirs) - set(ours) == {"original_reward", "original_reward_alive"} | {
-        f"_{key}" for key in ("original_reward", "original_reward_alive") if "_similarity" in ours
-    }
+    """The wrapper's info has what the environment's info has, the rewards that it replaced, and the controller steps."""
+    more = {"original_reward", "original_reward_alive", "controller_observations", "controller_qpos"}
+    if "_similarity" in ours:
+        more |= {f"_{key}" for key in more}
+    assert theirs.keys() - ours.keys() == more
     for key, value in ours.items():
         if isinstance(value, dict):
             same_rewards(value, theirs[key])
