@@ -114,7 +114,7 @@ class MotionLibrary:
         folder = imports_folder() if imported is None else Path(imported)
         clips += [MotionClip.load(path) for path in sorted(folder.glob("*.npz"))]
         if mirrored:
-            clips += _missing_mirrors(clips)
+            clips += missing_mirrors(clips)
         return cls(clips)
 
 
@@ -124,7 +124,7 @@ def _mocap_clips() -> tuple[MotionClip, ...]:
     return tuple(pybullet_clips())
 
 
-def _missing_mirrors(clips: Sequence[MotionClip]) -> list[MotionClip]:
+def missing_mirrors(clips: Sequence[MotionClip]) -> list[MotionClip]:
     """Mirror images of the clips that neither are symmetric nor have a twin."""
     names = {clip.name for clip in clips}
     missing = []

@@ -24,6 +24,7 @@ from agents.controller.teacher import Teacher
 from agents.controller.tracking import Tracking, TrackingConfig
 from anyskill_envs.controller import LATENT_SIZE
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
+from motion_data.library import missing_mirrors
 from motion_data.skeleton import MIRROR_JOINT_SIGNS, MIRROR_JOINTS
 from motion_data.window import WINDOW_FEATURES, WINDOW_MIRROR_INDEX, WINDOW_MIRROR_SIGN
 
@@ -45,9 +46,9 @@ class DistillConfig:
     gradient_steps: int = 24
     """Gradient steps per rollout."""
     batch: int = 4096
-    """Samples per gradient step; half of them mirrored."""
+    """Samples per gradient step; of clips without a mirror image in the library, half are mirrored."""
     learning_rate: float = 1e-3
-    """First learning rate; it falls linearly to a tenth."""
+    """First learning rate; it falls linearly, at last to 3 %."""
     large_error: float = 0.05
     """Errors beyond this (radians) count by their size instead of its square."""
     latent_noise: float = 0.15
@@ -66,7 +67,7 @@ class DistillConfig:
     """Weights (safetensors) to begin with when there is no checkpoint yet."""
     tracking: TrackingConfig = field(
         default_factory=lambda: TrackingConfig(
-            failure_distance=0.5, episode_steps=300, mean_holds=(3, 5, 5, 15, 60), unsettled=0.3, emphasis=1.0
+            failure_distance=0.5, episode_steps=300, mean_holds=(3, 5, 5, 15, 60), unsettled=0.2, emphasis=1.0
         )
     )
     """How episodes run."""
@@ -102,6 +103,9 @@ class DistillTrainer(Stage):
                 last = self.student.policy.network[-1]
                 assert isinstance(last, nn.Linear)
                 last.bias.copy_(torch.from_numpy(motions.feedforward.mean(0)))
+        # Where the library shows both sides, the teacher has its own way on each, and mirrored labels would contradict it.
+        one_sided = {clip.name.removesuffix("_mirrored") for clip in missing_mirrors(motions.clips)}
+        self._one_sided = torch.tensor([name in one_sided for name in motions.names])[motions.clip_of_frame]
         self._latent = torch.zeros(config.num_humanoids, LATENT_SIZE)
         self._observations: list[torch.Tensor] = []
         self._windows: list[torch.Tensor] = []
@@ -126,7 +130,7 @@ class DistillTrainer(Stage):
 
     def update(self) -> dict[str, float]:
         """One rollout and its gradient steps."""
-        rate = self.config.learning_rate * max(0.1, 1 - self.seconds / self.budget)
+        rate = self.config.learning_rate * max(0.03, 1 - self.seconds / self.budget)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         failures, loss = self._rollout(), self._learn()
@@ -183,7 +187,7 @@ class DistillTrainer(Stage):
             window = torch.cat([self._windows[k][r] for k, r in zip(chosen, rows, strict=True)])
             target = torch.cat([self._targets[k][r] for k, r in zip(chosen, rows, strict=True)])
             inputs = self._window_inputs[window]
-            mirror = torch.rand(len(target)) < 0.5
+            mirror = (torch.rand(len(target)) < 0.5) & self._one_sided[window]
             observation = torch.where(mirror[:, None], _mirror_observation(observation), observation)
             target = torch.where(mirror[:, None], _mirror_targets(target), target)
             inputs = torch.where(mirror[:, None], _mirror_windows(inputs), inputs)
