@@ -56,6 +56,9 @@ class TransformersEncoder:
                 raise ValueError(f"{type(model).__name__} of '{name}' is no CLIP-like model: choose one, e.g. a CLIP.")
             self._model = model.eval()
             self._tokenizer: Any = _load(transformers.AutoTokenizer, self.name)
+            wave, kick = self._tokenizer(["wave", "kick"])["input_ids"]
+            if wave == kick:  # what transformers makes of missing files is a tokenizer that knows no words
+                raise OSError("its tokenizer knows no words: tokenizer.json, or vocab.json and merges.txt, is missing")
             self._pictures: Any = _load(transformers.AutoImageProcessor, self.name, backend="pil")
         text_config = getattr(model.config, "text_config", model.config)
         # Tokenizers that were saved without a limit of their own report an astronomic one.
@@ -149,15 +152,15 @@ def _errors_that_help(name: str) -> Iterator[None]:
             f"The encoder '{name}' needs a package that is not installed ({error}). {_INSTALL}"
         ) from error
     except OSError as error:
-        reason = str(error).strip().splitlines()[0]
+        reason = str(error).strip().splitlines()[0].split(". ")[0].rstrip(".")
         if Path(name).is_dir():
             message = (
-                f"The folder '{name}' does not hold a whole model of transformers ({reason}) It needs config.json, the "
+                f"The folder '{name}' does not hold a whole model of transformers ({reason}). It needs config.json, the "
                 "weights, preprocessor_config.json and the tokenizer's files."
             )
         else:
             message = (
-                f"The encoder '{name}' is not on this machine and cannot be downloaded ({reason}) Where there is a "
+                f"The encoder '{name}' is not on this machine and cannot be downloaded ({reason}). Where there is a "
                 f'network, run `hf download {name} --local-dir FOLDER`; then give that folder: encoder="FOLDER".'
             )
         raise FileNotFoundError(message) from error

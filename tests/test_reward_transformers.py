@@ -92,9 +92,14 @@ def test_without_network_the_error_says_how_to_go_on(monkeypatch):
         load_encoder("hf:nobody/no-such-clip")
 
 
-def test_a_folder_that_is_not_a_whole_model(folder, tmp_path):
-    (tmp_path / "config.json").write_bytes((folder / "config.json").read_bytes())
-    with pytest.raises(FileNotFoundError, match="weights, preprocessor_config.json"):
+@pytest.mark.parametrize("missing", ["model.safetensors", "preprocessor_config.json", "tokenizer.json"])
+def test_a_folder_that_is_not_a_whole_model(folder, tmp_path, missing):
+    for file in folder.iterdir():
+        if file.name != missing:
+            (tmp_path / file.name).write_bytes(file.read_bytes())
+    with pytest.raises(
+        FileNotFoundError, match=r"not hold a whole model of transformers \(.*It needs config.json, the weights"
+    ):
         load_encoder(str(tmp_path))
 
 
