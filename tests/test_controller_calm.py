@@ -287,6 +287,13 @@ def test_every_variant_updates(motions: ReferenceMotions, tmp_path: Path, change
     assert 0 < figures["reward"] < 9.3
 
 
+def test_the_discriminator_can_rest(motions: ReferenceMotions, tmp_path: Path) -> None:
+    trainer = CalmTrainer(motions, tmp_path, replace(small(), discriminator_rest=1.0))
+    before = [weight.detach().clone() for weight in trainer.discriminator.parameters()]
+    trainer.update()
+    assert all(map(torch.equal, before, trainer.discriminator.parameters()))
+
+
 def test_mistakes_are_answered(motions: ReferenceMotions, tmp_path: Path) -> None:
     from agents.controller.commands import STUDENT
 

@@ -101,6 +101,8 @@ class CalmConfig:
     """Samples of each kind per gradient step of the discriminator."""
     discriminator_steps: int = 48
     """Gradient steps of the discriminator per update: as many as the policy's."""
+    discriminator_rest: float = 0.0
+    """The discriminator takes no step while its mean D of the policy's transitions is lower than this."""
     replay: int = 200_000
     """Transitions of the policy that are kept for the discriminator."""
     replay_share: float = 0.01
@@ -158,9 +160,11 @@ class CalmConfig:
             critic_samples=60_000,
             encoder_batch=256,
             other_clip=True,
-            discriminator_rate=3e-4,
+            penalty=10.0,
+            discriminator_rate=1e-4,
             discriminator_batch=512,
-            discriminator_steps=6,
+            discriminator_steps=4,
+            discriminator_rest=0.05,
             replay=50_000,
             replay_share=0.1,
             offsets=(0, 1, 3, 6, 9),

@@ -255,12 +255,14 @@ class CalmTrainer(Stage):
             + config.logit_decay * squared_weights(layers[-1:])
             + config.weight_decay * squared_weights(layers)
         )
-        self.discriminator_optimizer.zero_grad()
-        loss.backward()
-        self.discriminator_optimizer.step()
+        fooled = float(fake_logits.detach().sigmoid().mean())
+        if fooled >= config.discriminator_rest:
+            self.discriminator_optimizer.zero_grad()
+            loss.backward()
+            self.discriminator_optimizer.step()
         return {
             "real": float(real_logits.detach().sigmoid().mean()),
-            "fake": float(fake_logits.detach().sigmoid().mean()),
+            "fake": fooled,
             "mismatched": float(mismatched_logits.detach().sigmoid().mean()),
             "penalty": float(penalty.detach()),
         }
