@@ -19,7 +19,8 @@ from motion_data.skeleton import HUMANOID_XML, JOINT_NAMES
 from motion_data.window import WINDOW_FEATURES, WINDOW_FRAMES
 
 LATENT_SIZE = 64
-FORMAT_VERSION = "1"
+FORMAT_VERSION = "2"
+"""2: the heading is the twist about the vertical axis (:func:`motion_data.skeleton.heading`); 1: the x axis's direction."""
 WEIGHTS = Path(__file__).parent / "weights"
 CONTROLLER_FILE = WEIGHTS / "llc.onnx"
 ENCODER_FILE = WEIGHTS / "motion_encoder.onnx"

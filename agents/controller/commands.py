@@ -38,7 +38,7 @@ def controller_clips(folder: Path | None, acrobatics: bool, mirrored: bool) -> l
     Args:
         folder: A folder of clips; the project's library if None.
         acrobatics: Whether to include backflip, cartwheel, roll, spin and spinkick.
-        mirrored: Whether to add mirror images. Training needs none: distillation mirrors half of its samples.
+        mirrored: Whether to add mirror images. Training needs none: distillation mirrors what lacks an image.
     """
     clips: Sequence[MotionClip] = read_clips(folder) if folder else MotionLibrary.default(mirrored=mirrored).clips
     return [clip for clip in clips if acrobatics or base_name(clip.name) not in ACROBATIC]

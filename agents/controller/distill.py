@@ -51,13 +51,13 @@ class DistillConfig:
     """First learning rate; it falls linearly, at last to 3 %."""
     large_error: float = 0.05
     """Errors beyond this (radians) count by their size instead of its square."""
-    latent_noise: float = 0.15
+    latent_noise: float = 0.1
     """Length of the random vector added to a latent before it is normalised again: what is close must act alike."""
     action_noise: float = 0.02
     """Standard deviation of the noise on the student's targets, radians."""
-    uniformity: float = 0.02
+    uniformity: float = 0.005
     """Weight of CALM's uniformity loss: spreads the latents over the sphere."""
-    alignment: float = 0.02
+    alignment: float = 0.005
     """Weight of CALM's alignment loss: windows of one clip within 0.5 s lie close together."""
     seed: int = 0
     """Seed of everything random."""
@@ -67,7 +67,7 @@ class DistillConfig:
     """Weights (safetensors) to begin with when there is no checkpoint yet."""
     tracking: TrackingConfig = field(
         default_factory=lambda: TrackingConfig(
-            failure_distance=0.5, episode_steps=300, mean_holds=(3, 5, 5, 15, 60), unsettled=0.2, emphasis=1.0
+            failure_distance=0.4, episode_steps=300, mean_holds=(3, 5, 5, 15, 60), unsettled=0.15
         )
     )
     """How episodes run."""

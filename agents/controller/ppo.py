@@ -85,12 +85,17 @@ class PPO:
         critic: Inputs to values, ``(n, 1)``.
         settings: Settings of the update.
         effort: Weight of the squared mean action (in units of 0.08 rad): the smallest correction that works.
+
+    Attributes:
+        learning_rate: Current learning rate of the actor.
+        target_divergence: What it aims at; a trainer may lower it as it goes.
     """
 
     def __init__(self, actor: nn.Module, critic: nn.Module, settings: PPOSettings, effort: float):
         self.actor, self.critic, self.settings, self._effort = actor, critic, settings, effort
         self.noise = JOINT_NOISE * settings.exploration
         self.learning_rate = settings.learning_rate
+        self.target_divergence = settings.target_divergence
         self.actor_optimizer = torch.optim.Adam(actor.parameters(), lr=self.learning_rate, fused=True)
         self.critic_optimizer = torch.optim.Adam(critic.parameters(), lr=1e-3, fused=True)
 
@@ -135,9 +140,9 @@ class PPO:
         return divergence
 
     def _adapt(self, divergence: float) -> None:
-        if divergence > 2 * self.settings.target_divergence:
+        if divergence > 2 * self.target_divergence:
             self.learning_rate = max(self.learning_rate / 1.3, 3e-5)
-        elif 0 < divergence < self.settings.target_divergence / 2:
+        elif 0 < divergence < self.target_divergence / 2:
             self.learning_rate = min(self.learning_rate * 1.3, 1e-3)
         for group in self.actor_optimizer.param_groups:
             group["lr"] = self.learning_rate

@@ -35,6 +35,10 @@ class TeacherConfig:
     """Widths of actor and critic."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     """Settings of the update."""
+    settling: float = 0.25
+    """Last share of the time, in which updates are smaller: two dances and the run were only then performed whole."""
+    settling_divergence: float = 0.03
+    """Divergence per update that the learning rate aims at in that time."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 0
@@ -109,6 +113,8 @@ class TeacherTrainer(Stage):
         means, actions = torch.empty(steps, n, 28), torch.empty(steps, n, 28)
         values, rewards, ends = torch.empty(steps + 1, n), torch.empty(steps, n), torch.empty(steps, n)
         failures = 0.0
+        if self.seconds > (1 - config.settling) * self.budget:
+            ppo.target_divergence = config.settling_divergence
         begin = time.monotonic()
         for step in range(steps):
             raw = torch.from_numpy(tracking.policy_input())
