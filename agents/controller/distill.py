@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from safetensors.torch import load_file
 from torch import nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from agents.controller.evaluate import evaluate_random
 from agents.controller.networks import fast_arithmetic
@@ -49,6 +50,8 @@ class DistillConfig:
     """Samples per gradient step; of clips without a mirror image in the library, half are mirrored."""
     learning_rate: float = 1e-3
     """First learning rate; it falls linearly, at last to 3 %."""
+    averaging: float = 0.9995
+    """Decay of the running mean of the weights, per gradient step: the mean is what training yields."""
     large_error: float = 0.05
     """Errors beyond this (radians) count by their size instead of its square."""
     latent_noise: float = 0.1
@@ -96,6 +99,11 @@ class DistillTrainer(Stage):
         elif config.initial:
             self.student.load_state_dict(load_file(config.initial))
         self.tracking = Tracking(motions, config.num_humanoids, self.rng, config.tracking, config.threads)
+        self.averaged = AveragedModel(
+            self.student, multi_avg_fn=get_ema_multi_avg_fn(config.averaging), use_buffers=True
+        )
+        if self.checkpoint and "averaged" in self.checkpoint:
+            self.averaged.load_state_dict(self.checkpoint["averaged"])
         self._window_inputs = self._all_window_inputs()
         if not self.checkpoint and not config.initial:
             self.student.encoder.normalizer.update(self._window_inputs)
@@ -121,12 +129,17 @@ class DistillTrainer(Stage):
 
     def state(self) -> dict[str, Any]:
         """Network and optimiser."""
-        return {"model": self.student.state_dict(), "optimizer": self.optimizer.state_dict()}
+        return {
+            "model": self.student.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
 
     def train(self) -> Student:
         """Trains until the time is used up."""
         self.run()
-        return self.student
+        assert isinstance(self.averaged.module, Student)
+        return self.averaged.module
 
     def update(self) -> dict[str, float]:
         """One rollout and its gradient steps."""
@@ -209,6 +222,7 @@ class DistillTrainer(Stage):
             loss.backward()
             nn.utils.clip_grad_norm_(self.student.parameters(), 1.0)
             self.optimizer.step()
+            self.averaged.update_parameters(self.student)
             losses.append(float((action - target).detach().abs().mean()))
         return float(np.mean(losses))
 
