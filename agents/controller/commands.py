@@ -59,7 +59,7 @@ class ControllerTraining:
     distill_minutes: float = 30.0
     """Minutes for the distillation."""
     finetune_minutes: float = 0.0
-    """Minutes for fine-tuning under random latents and pushes; experimental, see the model card."""
+    """Minutes for fine-tuning under random latents and pushes; experimental: not measured to help."""
     from_scratch: bool = False
     """Begin with random networks instead of those that made the bundled controller."""
     seed: int = 0

@@ -14,6 +14,7 @@ from rich.progress import Progress
 _LOG = logging.getLogger(__name__)
 _SAVE_EVERY = 60.0  # seconds
 _LOG_EVERY = 20  # updates
+_INSPECT_EVERY = 200  # updates
 
 
 class Stage(ABC):
@@ -47,6 +48,10 @@ class Stage(ABC):
     def update(self) -> dict[str, float]:
         """Collects and learns once; returns figures for the log."""
 
+    def inspect(self) -> dict[str, float]:
+        """Figures that take too long for every update; none by default."""
+        return {}
+
     @abstractmethod
     def state(self) -> dict[str, Any]:
         """What the checkpoint needs beside the clock."""
@@ -67,6 +72,8 @@ class Stage(ABC):
                 figures = self.update()
                 self.seconds += time.monotonic() - start
                 updates += 1
+                if updates % _INSPECT_EVERY == 0:
+                    figures |= self.inspect()
                 text = ", ".join(f"{name} {value:.4g}" for name, value in figures.items())
                 progress.update(bar, completed=self.seconds, description=f"{self.path.stem}: {text}")
                 if updates % _LOG_EVERY == 0:

@@ -33,11 +33,11 @@ class TrackingConfig:
     mean_holds: tuple[int, ...] = (5, 15, 30, 90)
     """How long a motion window stays the intent: each episode draws one mean (steps), each hold U{1, 2 mean}."""
     unsettled: float = 0.3
-    """Share of the episodes with switches between motions, and with pushes."""
+    """Share of the episodes that are unsettled: with switches between motions, and with pushes."""
     switch_holds: tuple[int, ...] = (5, 5, 20)
-    """The mean holds of those episodes; 5 steps are the 6 Hz of a high-level policy."""
+    """The mean holds of unsettled episodes; 5 steps are the 6 Hz of a high-level policy."""
     switch_probabilities: tuple[float, ...] = (0.3, 1.0)
-    """In those episodes, the chance that the next window comes from another upright moment of the library; each draws one."""
+    """In unsettled episodes, of which each draws one, the chance that the next window is another upright moment of the library."""
     grace_steps: int = 24
     """Steps after a switch during which distance from the reference does not end the episode; a fall does."""
     emphasis: float = 2.0
@@ -47,7 +47,7 @@ class TrackingConfig:
     velocity_noise: float = 0.1
     """Standard deviation of the initial velocities, m/s and rad/s."""
     push_probability: float = 0.01
-    """In those episodes, the chance per step that a push of 0.2 s begins."""
+    """In unsettled episodes, the chance per step that a push of 0.2 s begins."""
     push_force: float = 150.0
     """Largest force of a push on the torso, newtons."""
 
