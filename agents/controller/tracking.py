@@ -37,7 +37,7 @@ class TrackingConfig:
     switch_holds: tuple[int, ...] = (5, 5, 20)
     """The mean holds of unsettled episodes; 5 steps are the 6 Hz of a high-level policy."""
     switch_probabilities: tuple[float, ...] = (0.3, 1.0)
-    """In unsettled episodes, of which each draws one, the chance that the next window is another upright moment of the library."""
+    """Chance that the next window of an unsettled episode is another upright moment of the library; each draws one."""
     grace_steps: int = 24
     """Steps after a switch during which distance from the reference does not end the episode; a fall does."""
     emphasis: float = 2.0
