@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 torch = pytest.importorskip("torch")
 
+from agents.controller import losses as shared_losses
 from agents.controller.calm import losses
 from agents.controller.calm.command import CalmTraining, calm
 from agents.controller.calm.config import CalmConfig, EpisodeConfig
@@ -92,9 +93,9 @@ def test_reward_is_equation_2() -> None:
 def test_alignment_and_uniformity() -> None:
     x, y = (torch.nn.functional.normalize(torch.randn(6, 4), dim=1) for _ in range(2))
     squared = [float((x[i] - y[i]).square().sum()) for i in range(6)]
-    assert float(losses.alignment_loss(x, y)) == pytest.approx(np.mean(squared), rel=1e-5)
+    assert float(shared_losses.alignment_loss(x, y)) == pytest.approx(np.mean(squared), rel=1e-5)
     kernel = [np.exp(-2 * float((x[i] - x[j]).square().sum())) for i in range(6) for j in range(i)]
-    assert float(losses.uniformity_loss(x)) == pytest.approx(np.log(np.mean(kernel)), rel=1e-4)
+    assert float(shared_losses.uniformity_loss(x)) == pytest.approx(np.log(np.mean(kernel)), rel=1e-4)
 
 
 def test_surrogate_is_ppos_for_a_gaussian() -> None:
@@ -105,7 +106,7 @@ def test_surrogate_is_ppos_for_a_gaussian() -> None:
     ratio = (new - before).clamp(-10, 10).exp()
     expected = -torch.minimum(ratio * advantage, ratio.clamp(0.8, 1.2) * advantage)
     torch.testing.assert_close(
-        losses.clipped_surrogate(mean, old, action, advantage, noise, 0.2), expected, rtol=1e-3, atol=1e-4
+        shared_losses.clipped_surrogate(mean, old, action, advantage, noise, 0.2), expected, rtol=1e-3, atol=1e-4
     )
 
 

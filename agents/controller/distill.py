@@ -16,6 +16,7 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from agents.controller.evaluate import evaluate_random
+from agents.controller.losses import alignment_loss, uniformity_loss
 from agents.controller.networks import fast_arithmetic
 from agents.controller.reference import ReferenceMotions
 from agents.controller.stage import Stage
@@ -209,9 +210,8 @@ class DistillTrainer(Stage):
             # Right after a switch the target depends on what was before, which the student cannot know. Squares would
             # be ruled by those few large errors, at the price of precision everywhere else.
             error = nn.functional.smooth_l1_loss(action, target, beta=config.large_error)
-            align = (aligned - shifted).square().sum(-1).mean()
-            uniform = torch.pdist(aligned).square().mul(-2).exp().mean().log()
-            loss = error + config.uniformity * uniform + config.alignment * align
+            loss = error + config.uniformity * uniformity_loss(aligned)
+            loss = loss + config.alignment * alignment_loss(aligned, shifted)
             self.optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(self.student.parameters(), 1.0)

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from agents.controller.losses import clipped_surrogate
 from agents.controller.networks import fast_arithmetic
 from motion_data.skeleton import JOINT_NAMES
 
@@ -127,10 +128,7 @@ class PPO:
                 with fast_arithmetic():
                     mean = self.actor(rollout.actor_inputs[batch]).float()
                 old, action, advantage = rollout.means[batch], rollout.actions[batch], rollout.advantages[batch]
-                scaled_old, scaled_new = (action - old) / self.noise, (action - mean) / self.noise
-                ratio = (0.5 * (scaled_old.square() - scaled_new.square()).sum(-1)).clamp(-10, 10).exp()
-                clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
-                loss = -torch.minimum(ratio * advantage, clipped * advantage).mean()
+                loss = clipped_surrogate(mean, old, action, advantage, self.noise, settings.clip).mean()
                 if self._effort:
                     loss = loss + self._effort * (mean / 0.08).square().mean()
                 _descend(self.actor_optimizer, loss, self.actor)

@@ -8,7 +8,8 @@ from torch import nn
 
 from agents.controller.calm.config import CalmConfig
 from agents.controller.calm.demonstrations import Demonstrations
-from agents.controller.calm.losses import alignment_loss, bound_loss, clipped_surrogate, uniformity_loss
+from agents.controller.calm.losses import bound_loss
+from agents.controller.losses import alignment_loss, clipped_surrogate, uniformity_loss
 from agents.controller.networks import fast_arithmetic
 from agents.controller.ppo import PPO
 from agents.controller.student import Student
