@@ -50,6 +50,21 @@ class Rollout:
     actions: torch.Tensor
     advantages: torch.Tensor
     returns: torch.Tensor
+    neighbours: torch.Tensor | None = None
+    """Mean of the actions before and after each; see :func:`neighbouring_means`. Needed for smoothness."""
+
+
+def neighbouring_means(means: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
+    """Mean of the means one step before and one step after, ``(steps, n, 28)``; where either is missing, the mean itself.
+
+    Args:
+        means: Means of the policy, ``(steps, n, 28)``.
+        ends: 1 where an episode ended with the step, ``(steps, n)``.
+    """
+    neighbours = means.clone()
+    whole = (ends[:-2] + ends[1:-1] == 0)[..., None]
+    neighbours[1:-1] = torch.where(whole, 0.5 * (means[:-2] + means[2:]), means[1:-1])
+    return neighbours
 
 
 def generalised_advantages(
@@ -86,14 +101,20 @@ class PPO:
         critic: Inputs to values, ``(n, 1)``.
         settings: Settings of the update.
         effort: Weight of the squared mean action (in units of 0.08 rad): the smallest correction that works.
+        smoothness: Weight of the squared distance of a mean action from those around it (in units of 0.08 rad). A policy
+            that trembles pays; one that moves steadily does not. After CAPS (Mysore et al. 2021), whose temporal term
+            compares with the next action alone and so punishes motion too.
 
     Attributes:
         learning_rate: Current learning rate of the actor.
         target_divergence: What it aims at; a trainer may lower it as it goes.
     """
 
-    def __init__(self, actor: nn.Module, critic: nn.Module, settings: PPOSettings, effort: float):
+    def __init__(
+        self, actor: nn.Module, critic: nn.Module, settings: PPOSettings, effort: float, smoothness: float = 0.0
+    ):
         self.actor, self.critic, self.settings, self._effort = actor, critic, settings, effort
+        self._smoothness = smoothness
         self.noise = JOINT_NOISE * settings.exploration
         self.learning_rate = settings.learning_rate
         self.target_divergence = settings.target_divergence
@@ -131,6 +152,10 @@ class PPO:
                 loss = clipped_surrogate(mean, old, action, advantage, self.noise, settings.clip).mean()
                 if self._effort:
                     loss = loss + self._effort * (mean / 0.08).square().mean()
+                if self._smoothness:
+                    assert rollout.neighbours is not None, "smoothness needs the neighbouring means"
+                    away = (mean - rollout.neighbours[batch]) / 0.08
+                    loss = loss + self._smoothness * away.square().mean()
                 _descend(self.actor_optimizer, loss, self.actor)
                 divergences.append(float(0.5 * ((mean.detach() - old) / self.noise).square().sum(-1).mean()))
         divergence = float(np.mean(divergences[-4:])) if divergences else 0.0

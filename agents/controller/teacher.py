@@ -15,7 +15,7 @@ from safetensors.torch import load_file
 from torch import nn
 
 from agents.controller.networks import Normalizer, fast_arithmetic, mlp
-from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages
+from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages, neighbouring_means
 from agents.controller.reference import ReferenceMotions
 from agents.controller.stage import Stage
 from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig, tracking_distance
@@ -35,6 +35,8 @@ class TeacherConfig:
     """Widths of actor and critic."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     """Settings of the update."""
+    smoothness: float = 0.02
+    """Weight of the loss on trembling; see :class:`agents.controller.ppo.PPO`."""
     settling: float = 0.25
     """Last share of the time, in which updates are smaller: two dances and the run were only then performed whole."""
     settling_divergence: float = 0.03
@@ -88,7 +90,7 @@ class TeacherTrainer(Stage):
         super().__init__(folder / "teacher.pt", config.minutes, config.seed, config.threads)
         self.config = config
         self.teacher = Teacher(config.hidden)
-        self.ppo = PPO(self.teacher.actor, self.teacher.critic, config.ppo, effort=1e-3)
+        self.ppo = PPO(self.teacher.actor, self.teacher.critic, config.ppo, effort=1e-3, smoothness=config.smoothness)
         if self.checkpoint:
             self.teacher.load_state_dict(self.checkpoint["model"])
             self.ppo.restore(self.checkpoint)
@@ -136,7 +138,8 @@ class TeacherTrainer(Stage):
         rolled = time.monotonic()
         advantages, returns = generalised_advantages(rewards, values, ends, config.ppo)
         flat = inputs.flatten(0, 1)
-        rollout = Rollout(flat, flat, means.flatten(0, 1), actions.flatten(0, 1), advantages, returns)
+        neighbours = neighbouring_means(means, ends).flatten(0, 1)
+        rollout = Rollout(flat, flat, means.flatten(0, 1), actions.flatten(0, 1), advantages, returns, neighbours)
         # The critic gets a first estimate of the values before the actor follows them.
         divergence = ppo.learn(rollout, update_actor=self.samples >= 60_000)
         self.samples += steps * n

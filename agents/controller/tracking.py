@@ -18,6 +18,9 @@ from motion_data.skeleton import BODY_NAMES
 
 _POSE_SIZE = OBSERVATION_LAYOUT["body_linear_velocities"].start
 _EXTREMITIES = [BODY_NAMES.index(name) - 1 for name in ("head", "right_hand", "left_hand", "right_foot", "left_foot")]
+_FEET = [BODY_NAMES.index(name) for name in ("right_foot", "left_foot")]
+_PLANTED_SPEED = 0.15  # m/s of the ankle
+_PLANTED_HEIGHT = 0.12  # metres of the ankle
 TRACKING_SIZE = 2 * OBSERVATION_SIZE + _POSE_SIZE + 28
 """Numbers the tracking policy sees beside the humanoid's own observation included."""
 
@@ -48,7 +51,7 @@ class TrackingConfig:
     """Standard deviation of the initial velocities, m/s and rad/s."""
     push_probability: float = 0.01
     """In unsettled episodes, the chance per step that a push of 0.2 s begins."""
-    push_force: float = 150.0
+    push_force: float = 200.0
     """Largest force of a push on the torso, newtons."""
 
 
@@ -270,7 +273,8 @@ def tracking_reward(observation: np.ndarray, expected: np.ndarray) -> np.ndarray
     """How well states match the reference, in [0, 1], ``(n,)``.
 
     DeepMimic's form (Peng et al. 2018, eq. 6-9: a weighted sum of exponentials of squared errors), in the heading frame:
-    body positions 0.35, rotations 0.25, head, hands and feet 0.15, body velocities 0.15, root velocity and turning 0.1.
+    body positions 0.3, rotations 0.2, head, hands and feet 0.15, body velocities 0.15, root velocity and turning 0.1;
+    and 0.1 for feet that stay where the reference plants them.
     """
     n = len(observation)
     difference = observation - expected
@@ -282,9 +286,28 @@ def tracking_reward(observation: np.ndarray, expected: np.ndarray) -> np.ndarray
     turning = difference[:, OBSERVATION_LAYOUT["body_angular_velocities"].start + 2]
     root = (velocities[:, 0] ** 2).sum(-1) + 0.1 * turning**2
     return (
-        0.35 * np.exp(-30 * squared.mean(-1))
-        + 0.25 * np.exp(-4 * rotations)
+        0.3 * np.exp(-30 * squared.mean(-1))
+        + 0.2 * np.exp(-4 * rotations)
         + 0.15 * np.exp(-20 * squared[:, _EXTREMITIES].mean(-1))
         + 0.15 * np.exp(-0.5 * (velocities**2).sum(-1).mean(-1))
         + 0.1 * np.exp(-2 * root)
+        + 0.1 * np.exp(-200 * _slide(observation, expected))
     )
+
+
+def _slide(observation: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Mean squared speed of the feet against the reference, of those alone that it plants, (m/s)^2 ``(n,)``.
+
+    The speed is that of the ankle along the floor; turning counts as the speed of a point 0.1 m from the axis.
+    """
+    n = len(observation)
+
+    def speeds(numbers: np.ndarray) -> np.ndarray:
+        linear = numbers[:, OBSERVATION_LAYOUT["body_linear_velocities"]].reshape(n, -1, 3)[:, _FEET, :2]
+        angular = numbers[:, OBSERVATION_LAYOUT["body_angular_velocities"]].reshape(n, -1, 3)[:, _FEET]
+        return (linear**2).sum(-1) + 0.01 * (angular**2).sum(-1)
+
+    positions = expected[:, OBSERVATION_LAYOUT["body_positions"]].reshape(n, -1, 3)
+    height = expected[:, :1] + positions[:, [foot - 1 for foot in _FEET], 2]
+    planted = (speeds(expected) < _PLANTED_SPEED**2) & (height < _PLANTED_HEIGHT)
+    return (speeds(observation - expected) * planted).mean(-1)
