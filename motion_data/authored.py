@@ -1,8 +1,8 @@
 """Clips authored by hand: readable key poses in, physically plausible motion out.
 
 ``assets/authored.yaml`` says what the upper body does, where the feet stand and which foot carries the weight. This
-module does the rest: smooth interpolation, the legs by inverse kinematics, and the pelvis where it keeps the centre of
-mass over the supporting foot. So every clip has its feet on the floor and can be held in balance.
+module reads it and interpolates; :mod:`motion_data.balance` adds the legs by inverse kinematics, and the pelvis where it
+keeps the centre of mass over the supporting foot. So every clip has its feet on the floor and can be held in balance.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,44 +14,19 @@ from typing import Any
 import numpy as np
 import yaml
 from scipy.interpolate import BPoly, PchipInterpolator
-from scipy.linalg import solve_banded
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation
 
+from motion_data.balance import FOOT_FIELDS, UPPER_JOINTS, FootPath, balanced_path, pose_body
 from motion_data.clip import MotionClip
-from motion_data.inverse_kinematics import (
-    ARM_COLUMNS,
-    LEG,
-    LEG_COLUMNS,
-    SIDES,
-    LegSolution,
-    body_centre,
-    body_mass,
-    centre_of_mass,
-    floor_reach,
-    solve_arm,
-    solve_leg,
-)
-from motion_data.skeleton import BODY_NAMES, FRAME_RATE, JOINT_NAMES, load_model, rest_qpos
+from motion_data.inverse_kinematics import ARM_COLUMNS, SIDES, solve_arm
+from motion_data.skeleton import FRAME_RATE, JOINT_NAMES
 
 AUTHORED_YAML = Path(__file__).parent / "assets" / "authored.yaml"
 """The file of key poses."""
 
-UPPER_JOINTS = tuple(name for name in JOINT_NAMES if not any(part in name for part in ("hip", "knee", "ankle")))
-"""Hinges that a key sets directly; the others follow from the feet."""
-FOOT_FIELDS = ("x", "y", "turn", "lift", "pitch", "roll")
 BODY_FIELDS = ("lower", "pitch", "roll", "turn", "lean_x", "lean_y", "weight")
 _FOOT_DEFAULT = {"right": (0.03, -0.1, -6.0), "left": (0.03, 0.1, 6.0)}
-_NATURAL_BEND = 0.006  # metres the pelvis stands lower than on straight legs
-_LEG_SOFTNESS = 0.03  # metres over which a leg in the air eases into its full length
-_SOFT_LIFT = 0.03  # metres of lift from which it does so in full
-_LEG_RESERVE = 0.9925  # share of the leg's length that a standing leg may use
-_EASE_FRAMES = 8  # frames in which the pelvis eases into the limit that a stretched leg sets
-_BALANCE_ITERATIONS = 8
-_CENTRE_HEIGHT = 0.9  # metres of the centre of mass above the floor
-GRAVITY = 9.81
 _WEIGHTS = {"right": 0.0, "both": 0.5, "left": 1.0}
-_UPPER_BODIES = tuple(name for name in BODY_NAMES if not any(part in name for part in ("thigh", "shin", "foot")))
 
 
 @dataclass(frozen=True)
@@ -223,31 +198,7 @@ def interpolate(keys: Sequence[Key], fps: float = FRAME_RATE) -> np.ndarray:
     return BPoly.from_derivatives(times, values)(np.minimum(frames, times[-1]))
 
 
-def balanced_path(pressure: np.ndarray, loop: bool = False, fps: float = FRAME_RATE) -> np.ndarray:
-    """Path of the centre of mass whose weight really rests where it is wanted, also while it accelerates.
-
-    A body whose centre of mass c accelerates presses the floor not below c but at ``c - (h / g) c''`` (the zero-moment
-    point of Vukobratovic's linear inverted pendulum). This solves for c: it sways ahead of each step, as a walker does.
-
-    Args:
-        pressure: Where the weight should rest in each frame, ``(T, 2)`` metres.
-        loop: Whether the motion goes on from its last frame with its first; otherwise it is at rest at both ends.
-        fps: Frames per second.
-
-    Returns:
-        Path of the centre of mass on the floor plane, ``(T, 2)`` metres.
-    """
-    if loop:  # the middle one of three rounds
-        rounds = balanced_path(np.concatenate([pressure[:-1], pressure[:-1], pressure]), fps=fps)
-        return rounds[len(pressure) - 1 : 2 * len(pressure) - 1]
-    coupling = np.full(len(pressure), _CENTRE_HEIGHT / GRAVITY * fps**2)
-    coupling[-1] = 0
-    before = np.concatenate([[0.0], coupling[:-1]])
-    bands = np.stack([-before, 1 + before + coupling, -coupling])
-    return solve_banded((1, 1), bands, pressure)
-
-
-def pose_body(channels: np.ndarray, lengths: Sequence[int], loops: Sequence[bool]) -> np.ndarray:
+def _pose_channels(channels: np.ndarray, lengths: Sequence[int], loops: Sequence[bool]) -> np.ndarray:
     """Poses that follow the channels with the feet in place and the weight on the support.
 
     Args:
@@ -262,110 +213,16 @@ def pose_body(channels: np.ndarray, lengths: Sequence[int], loops: Sequence[bool
         channels, np.cumsum([len(UPPER_JOINTS), len(BODY_FIELDS), len(FOOT_FIELDS)]), axis=1
     )
     lower, pitch, roll, turn, lean_x, lean_y, weight = body.T
-    feet = {"right": _Foot.place("right", right), "left": _Foot.place("left", left)}
+    feet = {"right": FootPath.place("right", right), "left": FootPath.place("left", left)}
     heading = 0.5 * (right[:, 2] + left[:, 2])
     rotation = Rotation.from_euler("ZYX", np.stack([heading + turn, pitch, roll], 1))
-    matrix = rotation.as_matrix()
 
     target = (1 - weight[:, None]) * right[:, :2] + weight[:, None] * left[:, :2]
     cosine, sine = np.cos(heading), np.sin(heading)
     target = target + np.stack([cosine * lean_x - sine * lean_y, sine * lean_x + cosine * lean_y], 1)
     parts = np.split(target, np.cumsum(lengths)[:-1])
     target = np.concatenate([balanced_path(part, loop) for part, loop in zip(parts, loops, strict=True)])
-
-    qpos = np.tile(rest_qpos(), (len(channels), 1))
-    qpos[:, 3:7] = rotation.as_quat(scalar_first=True)
-    qpos[:, [7 + JOINT_NAMES.index(name) for name in UPPER_JOINTS]] = upper
-    qpos[:, :3] = 0
-    upper_centre = centre_of_mass(qpos, _UPPER_BODIES)
-    standing = rest_qpos()[2] - _NATURAL_BEND - lower
-    pelvis = np.concatenate([target - upper_centre[:, :2], standing[:, None]], 1)
-    legs: dict[str, LegSolution] = {}
-    for _ in range(_BALANCE_ITERATIONS):
-        pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing, lengths)
-        legs = {
-            side: solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward, foot.softness)
-            for side, foot in feet.items()
-        }
-        pelvis[:, :2] += target - _whole_centre(pelvis + upper_centre, legs, feet)
-    pelvis[:, 2] = _reachable_height(pelvis, matrix, feet, standing, lengths)
-    qpos[:, :3] = pelvis
-    for side, foot in feet.items():
-        solution = solve_leg(side, pelvis, matrix, foot.ankle, foot.rotation, foot.leftward, foot.softness)
-        qpos[:, [7 + column for column in LEG_COLUMNS[side]]] = solution.angles
-    return qpos
-
-
-@dataclass(frozen=True)
-class _Foot:
-    """Pose of one foot over T frames."""
-
-    side: str
-    ankle: np.ndarray
-    rotation: np.ndarray
-    leftward: np.ndarray
-    lift: np.ndarray
-
-    @property
-    def softness(self) -> np.ndarray:
-        """Metres over which the leg eases into its full length, ``(T,)``: none while the foot stands."""
-        raised = np.clip(self.lift / _SOFT_LIFT, 0, 1)
-        return _LEG_SOFTNESS * raised**2 * (3 - 2 * raised)
-
-    @classmethod
-    def place(cls, side: str, channels: np.ndarray) -> "_Foot":
-        """Foot whose lowest point is ``lift`` above the floor; it pitches about its toe edge or its heel edge."""
-        x, y, turn, lift, pitch, roll = channels.T
-        rotation = Rotation.from_euler("ZYX", np.stack([turn, pitch, roll], 1)).as_matrix()
-        corners = floor_reach(side)
-        middle = corners.mean(0)
-        flat = Rotation.from_euler("z", turn[:, None]).as_matrix()
-        edge = np.where(pitch[:, None] > 0, corners[:, 0].max(), corners[:, 0].min()) * np.array([1, 0, 0])
-        edge = edge + [0, middle[1], middle[2]]
-        place = np.stack([x, y, np.zeros_like(x)], 1)
-        ankle = place + np.einsum("tij,tj->ti", flat, edge - middle) - np.einsum("tij,tj->ti", rotation, edge)
-        lowest = np.einsum("tj,kj->tk", rotation[:, 2], corners).min(1)
-        ankle[:, 2] = lift - lowest
-        return cls(side, ankle, rotation, flat[:, :, 1], lift)
-
-
-def _reachable_height(
-    pelvis: np.ndarray,
-    matrix: np.ndarray,
-    feet: Mapping[str, _Foot],
-    wanted: np.ndarray,
-    lengths: Sequence[int],
-) -> np.ndarray:
-    """The wanted height of the pelvis, lowered smoothly to what the standing legs can reach, ``(T,)``."""
-    missing = np.zeros_like(wanted)
-    for side, foot in feet.items():
-        offset = matrix @ load_model().body(f"{side}_thigh").pos
-        apart = ((foot.ankle - pelvis - offset)[:, :2] ** 2).sum(1)
-        reach = np.sqrt(np.maximum((_LEG_RESERVE * LEG) ** 2 - apart, 0.01))
-        # A lifted foot need not reach its place, so it frees the pelvis with the first centimetres.
-        highest = foot.ankle[:, 2] + reach - offset[:, 2] + 5 * foot.lift
-        missing = np.maximum(missing, wanted - highest)
-    # The largest lack within a window, averaged over no more than that window, is never less than the lack itself.
-    for clip in np.split(missing, np.cumsum(lengths)[:-1]):
-        widest = maximum_filter1d(clip, 2 * _EASE_FRAMES + 1, mode="nearest")
-        clip[:] = gaussian_filter1d(widest, _EASE_FRAMES / 2.5, mode="nearest", radius=_EASE_FRAMES)
-    return wanted - missing
-
-
-def _whole_centre(upper: np.ndarray, legs: Mapping[str, LegSolution], feet: Mapping[str, _Foot]) -> np.ndarray:
-    """Centre of mass on the floor plane from the upper body's and the legs' joints, ``(T, 2)``."""
-    total = sum(body_mass(name) for name in _UPPER_BODIES)
-    moment = total * upper
-    for side, leg in legs.items():
-        for body, start, end in (("thigh", leg.hip, leg.knee), ("shin", leg.knee, leg.ankle)):
-            name = f"{side}_{body}"
-            share = -body_centre(name)[2] / np.linalg.norm(start - end, axis=1, keepdims=True)
-            moment = moment + body_mass(name) * (start + share * (end - start))
-            total += body_mass(name)
-        foot = f"{side}_foot"
-        moment = moment + body_mass(foot) * (leg.ankle + feet[side].rotation @ body_centre(foot))
-        total += body_mass(foot)
-    return (moment / total)[:, :2]
+    return pose_body(upper, rotation, target, feet, lower, lengths)
 
 
 def read_authored(path: str | Path = AUTHORED_YAML) -> list[MotionClip]:
@@ -397,7 +254,7 @@ def read_authored(path: str | Path = AUTHORED_YAML) -> list[MotionClip]:
     # One call for all clips: the solver works on arrays of frames.
     lengths = [len(rows) for rows in channels]
     loops = [bool(entry.get("loop", False)) for entry in entries.values()]
-    solved = np.split(pose_body(np.concatenate(channels), lengths, loops), np.cumsum(lengths)[:-1])
+    solved = np.split(_pose_channels(np.concatenate(channels), lengths, loops), np.cumsum(lengths)[:-1])
     clips = []
     for (name, entry), qpos in zip(entries.items(), solved, strict=True):
         clip = MotionClip(
