@@ -124,12 +124,17 @@ def _mocap_clips() -> tuple[MotionClip, ...]:
     return tuple(pybullet_clips())
 
 
+def mirror_name(name: str) -> str:
+    """Name with left and right exchanged; the same name if it has neither."""
+    return swap_sides(name.replace("_", " ")).replace(" ", "_")
+
+
 def missing_mirrors(clips: Sequence[MotionClip]) -> list[MotionClip]:
     """Mirror images of the clips that neither are symmetric nor have a twin."""
     names = {clip.name for clip in clips}
     missing = []
     for clip in clips:
-        twin = swap_sides(clip.name.replace("_", " ")).replace(" ", "_")
+        twin = mirror_name(clip.name)
         if twin != clip.name and twin in names:
             continue
         image = clip.mirrored()

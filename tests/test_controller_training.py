@@ -18,6 +18,7 @@ from agents.controller.teacher import Teacher, TeacherConfig, TeacherTrainer
 from agents.controller.tracking import Tracking, TrackingConfig, tracking_distance, tracking_reward
 from anyskill_envs.controller import LowLevelController, MotionEncoder
 from motion_data.authored import authored_clips
+from motion_data.skeleton import MIRROR_JOINT_SIGNS, MIRROR_JOINTS
 from motion_data.window import WINDOW_MIRROR_INDEX, WINDOW_MIRROR_SIGN, window_features
 
 SECONDS = 0.05  # minutes: three seconds of each stage
@@ -56,6 +57,19 @@ def test_feedforward_alone_holds_a_stand(motions: ReferenceMotions) -> None:
     for _ in range(60):
         _, failed, _ = tracking.step(tracking.feedforward())
         assert not failed.any()
+
+
+def test_a_twin_is_seen_and_done_as_the_mirror_image() -> None:
+    twins = ReferenceMotions([clip for clip in authored_clips() if clip.name in ("kick_left", "kick_right")])
+    config = TrackingConfig(switch_probabilities=(0.0,), joint_noise=0.0, velocity_noise=0.0)
+    tracking = Tracking(twins, 2, np.random.default_rng(0), config)
+    tracking.reset(np.arange(2), twins.starts[[twins.names.index("kick_left"), twins.names.index("kick_right")]] + 20)
+    assert list(twins.reflected[tracking.frame]) == [False, True]
+    left, right = tracking.policy_input()
+    np.testing.assert_allclose(left, right, atol=2e-3)
+    residual = np.random.default_rng(1).normal(0, 0.1, 28)
+    left, right = tracking.targets(np.stack([residual, residual]))
+    np.testing.assert_allclose(left, right[MIRROR_JOINTS] * MIRROR_JOINT_SIGNS, atol=1e-3)
 
 
 def test_window_features_ignore_place_and_heading_and_mirror(motions: ReferenceMotions) -> None:

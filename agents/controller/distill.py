@@ -25,7 +25,7 @@ from agents.controller.teacher import Teacher
 from agents.controller.tracking import Tracking, TrackingConfig
 from anyskill_envs.controller import LATENT_SIZE
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
-from motion_data.library import missing_mirrors
+from motion_data.library import mirror_name, missing_mirrors
 from motion_data.skeleton import MIRROR_JOINT_SIGNS, MIRROR_JOINTS
 from motion_data.window import WINDOW_FEATURES, WINDOW_MIRROR_INDEX, WINDOW_MIRROR_SIGN
 
@@ -45,7 +45,7 @@ class DistillConfig:
     gradient_steps: int = 24
     """Gradient steps per rollout."""
     batch: int = 4096
-    """Samples per gradient step; of clips without a mirror image in the library, half are mirrored."""
+    """Samples per gradient step; half are mirrored, but for those of symmetric clips."""
     learning_rate: float = 1e-3
     """First learning rate; it falls linearly, at last to 3 %."""
     averaging: float = 0.9995
@@ -107,9 +107,12 @@ class DistillTrainer(Stage):
                 last = self.student.policy.network[-1]
                 assert isinstance(last, nn.Linear)
                 last.bias.copy_(torch.from_numpy(motions.feedforward.mean(0)))
-        # Where the library shows both sides, the teacher has its own way on each, and mirrored labels would contradict it.
+        # The teacher does a clip in the same way as its twin, but a symmetric clip not as its own mirror image: there
+        # mirrored labels would contradict it.
         one_sided = {clip.name.removesuffix("_mirrored") for clip in missing_mirrors(motions.clips)}
-        self._one_sided = torch.tensor([name in one_sided for name in motions.names])[motions.clip_of_frame]
+        twins = {name for name in motions.names if mirror_name(name) != name} & set(map(mirror_name, motions.names))
+        may_mirror = [name in one_sided | twins for name in motions.names]
+        self._may_mirror = torch.tensor(may_mirror)[motions.clip_of_frame]
         self._latent = torch.zeros(config.num_humanoids, LATENT_SIZE)
         self._observations: list[torch.Tensor] = []
         self._windows: list[torch.Tensor] = []
@@ -156,7 +159,7 @@ class DistillTrainer(Stage):
             self.samples < 3 * config.horizon * config.num_humanoids
         )  # the first rollouts show the teacher's states
         for _ in range(config.horizon):
-            label = self.teacher.act(tracking.policy_input(), tracking.feedforward())
+            label = self.teacher.targets(tracking)
             renewed = np.flatnonzero(tracking.renewed)
             observation = torch.from_numpy(tracking.observation)
             self.student.policy.normalizer.update(observation)
@@ -195,7 +198,7 @@ class DistillTrainer(Stage):
             window = torch.cat([self._windows[k][r] for k, r in zip(chosen, rows, strict=True)])
             target = torch.cat([self._targets[k][r] for k, r in zip(chosen, rows, strict=True)])
             inputs = self._window_inputs[window]
-            mirror = (torch.rand(len(target)) < 0.5) & self._one_sided[window]
+            mirror = (torch.rand(len(target)) < 0.5) & self._may_mirror[window]
             observation = torch.where(mirror[:, None], _mirror_observation(observation), observation)
             target = torch.where(mirror[:, None], _mirror_targets(target), target)
             inputs = torch.where(mirror[:, None], _mirror_windows(inputs), inputs)

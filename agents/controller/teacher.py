@@ -62,11 +62,11 @@ class Teacher(nn.Module):
         self.critic = mlp([TRACKING_SIZE, *hidden, 1])
 
     @torch.no_grad()
-    def act(self, policy_input: np.ndarray, feedforward: np.ndarray) -> np.ndarray:
-        """Deterministic PD targets, float32 ``(n, 28)``."""
+    def targets(self, tracking: Tracking) -> np.ndarray:
+        """Deterministic PD targets for the humanoids of a tracking task, float32 ``(n, 28)``."""
         with fast_arithmetic():
-            residual = self.actor(self.normalizer(torch.from_numpy(policy_input))).float().numpy()
-        return feedforward + residual
+            residual = self.actor(self.normalizer(torch.from_numpy(tracking.policy_input()))).float().numpy()
+        return tracking.targets(residual).astype(np.float32)
 
     @classmethod
     def load(cls, path: Path) -> "Teacher":
@@ -127,7 +127,7 @@ class TeacherTrainer(Stage):
                 means[step] = teacher.actor(normal).float()
                 values[step] = teacher.critic(normal).float()[:, 0]
             actions[step] = means[step] + ppo.noise * torch.randn(n, 28)
-            reward, failed, truncated = tracking.step(tracking.feedforward() + actions[step].numpy())
+            reward, failed, truncated = tracking.step(tracking.targets(actions[step].numpy()))
             # Scaled so that values lie in [0, 1]; a truncated episode is worth what the critic expects of its state.
             rewards[step] = torch.from_numpy(reward) * (1 - discount)
             rewards[step] += discount * values[step] * torch.from_numpy(truncated)
@@ -172,7 +172,7 @@ def evaluate_tracking(
     alive = np.ones(len(clips), bool)
     survived, error = np.zeros(len(clips)), np.zeros(len(clips))
     for step in range(limit):
-        targets = teacher.act(tracking.policy_input(), tracking.feedforward())
+        targets = teacher.targets(tracking)
         tracking.simulation.step(targets)
         tracking.frame = motions.ahead(tracking.frame, 1)
         tracking.observation = tracking.simulation.observation()

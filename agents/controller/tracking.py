@@ -12,9 +12,9 @@ import numpy as np
 
 from agents.controller.inertialization import Inertialization
 from agents.controller.reference import ReferenceMotions
-from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE
+from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN, OBSERVATION_LAYOUT, OBSERVATION_SIZE
 from anyskill_envs.simulation import HumanoidSimulation
-from motion_data.skeleton import BODY_NAMES
+from motion_data.skeleton import BODY_NAMES, MIRROR_JOINT_SIGNS, MIRROR_JOINTS
 
 _POSE_SIZE = OBSERVATION_LAYOUT["body_linear_velocities"].start
 _EXTREMITIES = [BODY_NAMES.index(name) - 1 for name in ("head", "right_hand", "left_hand", "right_foot", "left_foot")]
@@ -22,7 +22,18 @@ _FEET = [BODY_NAMES.index(name) for name in ("right_foot", "left_foot")]
 _PLANTED_SPEED = 0.15  # m/s of the ankle
 _PLANTED_HEIGHT = 0.12  # metres of the ankle
 TRACKING_SIZE = 2 * OBSERVATION_SIZE + _POSE_SIZE + 28
-"""Numbers the tracking policy sees beside the humanoid's own observation included."""
+"""Numbers the tracking policy sees, the humanoid's own observation included."""
+_MIRRORED = np.concatenate(
+    [
+        MIRROR_INDEX,
+        OBSERVATION_SIZE + MIRROR_INDEX,
+        2 * OBSERVATION_SIZE + MIRROR_INDEX[:_POSE_SIZE],
+        2 * OBSERVATION_SIZE + _POSE_SIZE + np.array(MIRROR_JOINTS),
+    ]
+)
+_MIRRORED_SIGN = np.concatenate([MIRROR_SIGN, MIRROR_SIGN, MIRROR_SIGN[:_POSE_SIZE], MIRROR_JOINT_SIGNS]).astype(
+    np.float32
+)
 
 
 @dataclass(frozen=True)
@@ -155,12 +166,23 @@ class Tracking:
         )
 
     def policy_input(self) -> np.ndarray:
-        """Own observation and reference, float32 ``(n, TRACKING_SIZE)``."""
-        return np.concatenate([self.observation, self.reference()], 1)
+        """Own observation and reference, float32 ``(n, TRACKING_SIZE)``.
+
+        A clip whose twin is in the library is seen in the mirror: what is learned of the left side serves the right.
+        """
+        inputs = np.concatenate([self.observation, self.reference()], 1)
+        reflected = self.motions.reflected[self.frame]
+        inputs[reflected] = inputs[reflected][:, _MIRRORED] * _MIRRORED_SIGN
+        return inputs
 
     def feedforward(self) -> np.ndarray:
         """PD targets of the next reference frame, float32 ``(n, 28)``."""
         return self._ahead(1)[:, OBSERVATION_SIZE:]
+
+    def targets(self, residual: np.ndarray) -> np.ndarray:
+        """PD targets of a policy that sees :meth:`policy_input` and corrects the feed-forward, ``(n, 28)`` radians."""
+        reflected = self.motions.reflected[self.frame][:, None]
+        return self.feedforward() + np.where(reflected, residual[:, MIRROR_JOINTS] * MIRROR_JOINT_SIGNS, residual)
 
     def step(self, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advances one controller step and resets the episodes that ended.

@@ -17,7 +17,7 @@ class TrainConfig:
     """Learn a skill from a sentence: PPO of Stable-Baselines3 on HumanoidText-v0.
 
     The defaults are chosen for two CPU cores. The run folder then holds policy.zip (Stable-Baselines3), policy.onnx,
-    video.mp4, curve.png, report.json and TensorBoard events.
+    video.mp4, curve.png, rollouts.npz (the evaluation episodes), report.json and TensorBoard events.
     """
 
     text: tyro.conf.Positional[str]
@@ -46,7 +46,7 @@ class TrainConfig:
     "none" starts from no direction at all."""
 
     reward: str = "clip"
-    """Name of the reward."""
+    """Name of the reward, or a weighted sum such as "clip+0.5*velocity"; docs/rewards.md has them all."""
 
     alive_bonus: float = 0.5
     """Added to the reward of each decision that does not end in a fall; see agents/text/shaping.py."""
@@ -67,7 +67,7 @@ class TrainConfig:
     """Show a progress bar."""
 
     learning_rate: float = 1e-4
-    """Step size of Adam."""
+    """Step size of Adam at the start; it falls linearly to a tenth by the end."""
 
     decisions_per_update: int = 16
     """High-level decisions (1/6 s) of each humanoid between two updates."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -26,6 +27,7 @@ class Episode:
 
     Attributes:
         qpos: Poses at 30 Hz, `(T, 35)`.
+        observations: Proprioception at 30 Hz, `(T, 223)`.
         similarity: Mean similarity of text and motion.
         reward: Mean reward per decision over the whole episode; decisions after a termination count 0.
         fell: Whether it terminated by a fall, or the head came below 0.5 m.
@@ -33,6 +35,7 @@ class Episode:
     """
 
     qpos: NDArray[np.float64]
+    observations: NDArray[np.float32]
     similarity: float
     reward: float
     fell: bool
@@ -65,6 +68,7 @@ def run_episodes(policy: Policy, text: str, episodes: int, seed: int, **options:
     )
     observation, _ = env.reset(seed=seed)
     frames: list[list[NDArray[np.float64]]] = [[] for _ in range(episodes)]
+    seen: list[list[NDArray[np.float32]]] = [[] for _ in range(episodes)]
     similarity, reward_sum = np.zeros(episodes), np.zeros(episodes)
     decisions = np.zeros(episodes, np.int64)
     fallen = np.zeros(episodes, bool)
@@ -75,6 +79,7 @@ def run_episodes(policy: Policy, text: str, episodes: int, seed: int, **options:
             # after a termination inside a decision the humanoid keeps its state: only executed steps count
             executed = int(info["controller_steps"][index])
             frames[index].append(info["controller_qpos"][index, :executed])
+            seen[index].append(info["controller_observations"][index, :executed])
         if "similarity" in info:
             similarity += np.where(running, info["similarity"], 0.0)
         reward_sum += np.where(running, reward, 0.0)
@@ -91,6 +96,7 @@ def run_episodes(policy: Policy, text: str, episodes: int, seed: int, **options:
         results.append(
             Episode(
                 qpos=qpos,
+                observations=np.concatenate(seen[index]),
                 similarity=float(similarity[index] / decisions[index]),
                 reward=float(reward_sum[index] / EPISODE_DECISIONS),
                 fell=has_fallen,
@@ -98,6 +104,46 @@ def run_episodes(policy: Policy, text: str, episodes: int, seed: int, **options:
             )
         )
     return results
+
+
+def save_rollouts(path: Path, episodes: list[Episode]) -> None:
+    """Writes episodes to a file that :func:`load_rollouts` reads; it holds no pickle."""
+    np.savez_compressed(
+        path,
+        lengths=np.array([len(episode.qpos) for episode in episodes]),
+        qpos=np.concatenate([episode.qpos for episode in episodes]),
+        observations=np.concatenate([episode.observations for episode in episodes]),
+        similarity=np.array([episode.similarity for episode in episodes]),
+        reward=np.array([episode.reward for episode in episodes]),
+        fell=np.array([episode.fell for episode in episodes]),
+        # NaN: the text has no check
+        success=np.array([np.nan if episode.success is None else episode.success for episode in episodes], float),
+    )
+
+
+def load_rollouts(path: Path) -> list[Episode]:
+    """Reads the evaluation episodes of a run from its rollouts.npz.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"'{path}' does not exist: the run is not finished, or of a version that recorded no episodes."
+        )
+    with np.load(path, allow_pickle=False) as archive:
+        data = dict(archive)
+    ends = np.cumsum(data["lengths"])[:-1]
+    rows = zip(
+        np.split(data["qpos"], ends),
+        np.split(data["observations"], ends),
+        data["similarity"].tolist(),
+        data["reward"].tolist(),
+        data["fell"].tolist(),
+        [None if np.isnan(success) else bool(success) for success in data["success"]],
+        strict=True,
+    )
+    return [Episode(*row) for row in rows]
 
 
 def summarise(episodes: list[Episode], text: str) -> dict[str, Any]:

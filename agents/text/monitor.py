@@ -7,21 +7,19 @@ import json
 import time
 import zipfile
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
+from agents.progress import ProgressDisplay
 from agents.text.checks import FALL_HEAD_HEIGHT
 from agents.text.run_folder import RunFolder, write_whole
 from anyskill_envs.simulation import CONTROLLER_STEPS
 
 CHECKPOINT_SECONDS = 60.0
-LINE_SECONDS = 30.0
-"""Where there is no terminal for a progress bar, a line is printed this often."""
 
 _PROGRESS_FILE = "progress.json"
 
@@ -69,56 +67,29 @@ def load_checkpoint(path: Path, env: VecEnv) -> tuple[PPO, dict[str, Any]]:
     return model, progress
 
 
-class ProgressDisplay:
-    """A progress bar over wall-clock seconds with the time left; lines of text where there is no terminal.
+class DecayingRate:
+    """A learning rate that falls linearly with the time used: late updates only settle what was found.
+
+    Stable-Baselines3 would decay by steps, but the training is stopped by the clock.
 
     Args:
-        total: Seconds that the whole takes.
-        shown: False shows nothing.
+        initial: The first learning rate.
+        last: The last one as a share of the first.
     """
 
-    def __init__(self, total: float, shown: bool) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    def __init__(self, initial: float, last: float = 0.1) -> None:
+        self.initial = initial
+        self.last = last
+        self.used = 0.0
+        """Share of the training time used so far."""
 
-        self._total = total
-        self._console = Console()
-        self._last_line = -np.inf
-        self._lines = shown and not self._console.is_terminal
-        self._bar = Progress(
-            TextColumn("{task.fields[stage]}"),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[left]} left"),
-            TextColumn("{task.fields[note]}"),
-            console=self._console,
-            disable=not shown or self._lines,
-        )
-        self._task = self._bar.add_task("train", total=total, stage="starting", left="", note="")
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bar.stop()
-
-    def show(self, seconds: float, stage: str, note: str = "") -> None:
-        """Shows that `seconds` of the total are over."""
-        seconds = min(seconds, self._total)
-        minutes, rest = divmod(round(self._total - seconds), 60)
-        left = f"{minutes}:{rest:02d}"
-        self._bar.update(self._task, completed=seconds, stage=stage, left=left, note=note)
-        if self._lines and time.monotonic() - self._last_line >= LINE_SECONDS:
-            self._last_line = time.monotonic()
-            print(f"{stage}: {seconds / self._total:.0%}, {left} left, {note}", flush=True)
+    def __call__(self, progress_remaining: float) -> float:
+        """The present rate; the argument is what Stable-Baselines3 passes, and not needed."""
+        return self.initial * (1 - (1 - self.last) * min(self.used, 1.0))
 
 
 class TrainingMonitor(BaseCallback):
-    """Stops PPO when its time is over, and keeps history, TensorBoard, checkpoints and progress bar up to date.
+    """Stops PPO when its time is over; keeps its learning rate, history, TensorBoard, checkpoints and progress up to date.
 
     The history has one entry per update: `seconds` of training, `decisions` taken, and the means over the update of
     `reward`, `similarity` and `lying` (share of decisions that end with the head centre below 0.5 m), and `falls`
@@ -155,6 +126,18 @@ class TrainingMonitor(BaseCallback):
         """Controller steps per second of this process, learning included."""
         return self._new_decisions * CONTROLLER_STEPS / max(time.monotonic() - self._start, 1e-9)
 
+    def _on_training_start(self) -> None:
+        model = self.model
+        assert isinstance(model, PPO)
+        self._usual_schedule, self._rate = model.lr_schedule, DecayingRate(model.lr_schedule(1.0))
+        model.lr_schedule = self._rate
+
+    def _on_training_end(self) -> None:
+        # the saved policy must load where this package is not installed
+        model = self.model
+        assert isinstance(model, PPO)
+        model.lr_schedule = self._usual_schedule
+
     def _on_step(self) -> bool:
         infos: list[dict[str, Any]] = self.locals["infos"]
         self._count += len(infos)
@@ -174,6 +157,7 @@ class TrainingMonitor(BaseCallback):
         return self.seconds < self._budget
 
     def _on_rollout_end(self) -> None:
+        self._rate.used = self.seconds / self._budget
         if not self._count:
             return
         entry = {name: value / self._count for name, value in self._sums.items()}

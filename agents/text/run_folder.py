@@ -46,6 +46,7 @@ class RunFolder:
         self.onnx = path / "policy.onnx"
         self.video = path / "video.mp4"
         self.curve = path / "curve.png"
+        self.rollouts = path / "rollouts.npz"
         self.report = path / "report.json"
         self.tensorboard = path / "tensorboard"
 
@@ -79,8 +80,9 @@ class RunFolder:
                     f"'{self.path}' holds a run already. Continue it with --resume, replace it with --overwrite, or "
                     "choose another --output."
                 )
-            for entry in (self.config, self.checkpoint, self.policy, self.onnx, self.video, self.curve, self.report):
+            for entry in (self.config, self.checkpoint, self.policy, self.onnx, self.video, self.curve, self.rollouts):
                 entry.unlink(missing_ok=True)
+            self.report.unlink(missing_ok=True)
             shutil.rmtree(self.tensorboard, ignore_errors=True)
         self.path.mkdir(parents=True, exist_ok=True)
 

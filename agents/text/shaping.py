@@ -36,7 +36,9 @@ class EpisodeClock(VecEnvWrapper):
         self._decisions += 1
         for index in np.flatnonzero(dones):
             last = infos[index]["terminal_observation"][None]
-            infos[index]["terminal_observation"] = with_clock(last, self._decisions[index])[0]
+            # PPO asks for the value of this state where time ran out. No decision was ever taken so late, so the clock
+            # stays at the last one: what the episode would be worth if it went on as it was.
+            infos[index]["terminal_observation"] = with_clock(last, self._decisions[index] - 1)[0]
         self._decisions[dones] = 0
         return with_clock(np.asarray(observations), self._decisions), rewards, dones, infos
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecEnv
 
+    from agents.progress import ProgressDisplay
     from agents.text.evaluate import Episode
-    from agents.text.monitor import ProgressDisplay
 
 ENVIRONMENT = "anyskill_envs:HumanoidText-v0"
 SEARCH_SHARE = 0.2
@@ -141,7 +141,8 @@ def _run(config: TrainConfig, folder: RunFolder, started: float) -> dict[str, An
     from stable_baselines3.common.logger import configure
     from stable_baselines3.common.utils import set_random_seed
 
-    from agents.text.monitor import ProgressDisplay, TrainingMonitor, load_checkpoint
+    from agents.progress import ProgressDisplay
+    from agents.text.monitor import TrainingMonitor, load_checkpoint
 
     torch.set_num_threads(1)  # small networks: more threads cost more than they bring
     env = make_environment(config, config.num_envs)
@@ -182,7 +183,7 @@ def _finish(
     """Evaluates, exports and writes the report."""
     from agents.doctor import cpu_count
     from agents.text.clock import ClockedPolicy
-    from agents.text.evaluate import run_episodes, summarise
+    from agents.text.evaluate import run_episodes, save_rollouts, summarise
     from agents.text.export import export_policy, file_hash, parity_error
     from agents.text.report import plot_curve, similarity_ends, versions
     from anyskill_envs.simulation import CONTROLLER_STEPS
@@ -203,6 +204,7 @@ def _finish(
         evaluation_seed,
         **environment_options(config),
     )
+    write_whole(folder.rollouts, lambda path: save_rollouts(path, episodes))
     evaluation = summarise(episodes, config.text) | {"seed": evaluation_seed}
 
     contract = {
