@@ -206,7 +206,7 @@ def make_reward(reward: str | Mapping[str, float] | RewardFn, *, encoder: Any = 
 
     Args:
         reward: one of `reward_names()`; or weights by name, such as ``{"clip": 0.8, "velocity": 0.2}``, for the weighted
-            sum of several; or a reward that is made already.
+            sum of several, which can also be spelled ``"0.8*clip+0.2*velocity"``; or a reward that is made already.
         encoder: the encoder or its name, for rewards that have one; each reward's default if None.
         **kwargs: further arguments of the reward's constructor; for a sum the arguments of each part, by its name, as in
             ``velocity={"speed": 1.0}``, and `source` for all.
@@ -226,6 +226,10 @@ def make_reward(reward: str | Mapping[str, float] | RewardFn, *, encoder: Any = 
     if reward not in _REWARDS:
         raise ValueError(f"Unknown reward {reward!r}; the rewards that exist are: {', '.join(reward_names())}.")
     if encoder is not None and takes_argument(reward, "encoder"):
+    if isinstance(reward, str) and reward not in _REWARDS and set(reward) & set("+*"):
+        from rewards.weighted_sum import parse_weights
+
+        reward = parse_weights(reward)
         kwargs["encoder"] = encoder
     made: RewardFn = resolve(_REWARDS[reward])(**kwargs)
     return made

@@ -21,6 +21,32 @@ from rewards.encoders import Encoder, load_encoder
 from rewards.similarity import SimilarityReward, Source
 
 
+def parse_weights(spelling: str) -> dict[str, float]:
+    """Weights by name out of one line, for command lines: "clip+0.5*velocity" is `{"clip": 1.0, "velocity": 0.5}`.
+
+    Args:
+        spelling: parts joined by "+"; a part is a name, or a weight, "*" and a name. Blanks do not matter, and a part that
+            occurs twice counts twice.
+
+    Raises:
+        ValueError: a part is not of this form.
+    """
+    weights: dict[str, float] = {}
+    for part in spelling.split("+"):
+        weight, star, name = part.rpartition("*")
+        try:
+            number = float(weight) if star else 1.0
+        except ValueError:
+            number = np.nan
+        if not name.strip() or not np.isfinite(number):
+            raise ValueError(
+                f'The part {part.strip()!r} of the reward {spelling!r} is neither a name nor a weight, "*" and a name; '
+                'write sums like "clip+0.5*velocity".'
+            )
+        weights[name.strip()] = weights.get(name.strip(), 0.0) + number
+    return weights
+
+
 class WeightedSum:
     """r = sum_i w_i r_i, with the terms of all parts: `make_reward({"clip": 0.8, "velocity": 0.2})`.
 

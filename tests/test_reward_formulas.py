@@ -176,6 +176,14 @@ def test_a_sum_weighs_every_term_and_encodes_what_is_seen_once(batch):
     np.testing.assert_allclose(sum(output.terms.values()), output.total, atol=1e-6)
 
 
+def test_a_sum_can_be_spelled_in_one_line(batch):
+    spelled = make_reward("vlm-rm + 20*delta+-0.5 * avgpool", encoder="small")
+    weights = {"vlm-rm": 1.0, "delta": 20.0, "avgpool": -0.5}
+    assert spelled.weights == weights
+    np.testing.assert_array_equal(spelled(batch).total, make_reward(weights, encoder="small")(batch).total)
+    assert make_reward("2*clip+0.5*clip", encoder="small").weights == {"clip": 2.5}
+
+
 @pytest.mark.parametrize(
     ("weights", "kwargs", "error", "message"),
     [
@@ -185,6 +193,10 @@ def test_a_sum_weighs_every_term_and_encodes_what_is_seen_once(batch):
         ({"clip": 1.0}, {"velocity": {"speed": 1.0}}, TypeError, "'velocity', which is no part"),
         ({"clip": 1.0}, {"clip": {"weigth": 1.0}}, TypeError, "weigth"),
         ({"clip": 1.0, "delta": 1.0}, {"clip": {"source": "frames"}}, ValueError, "one source"),
+        ("clip+", {}, ValueError, 'the reward .*write sums like "clip'),
+        ("clip+half*velocity", {}, ValueError, "'half.velocity'"),
+        ("clip+nan*velocity", {}, ValueError, "write sums like"),
+        ("clip+0.5*beauty", {}, ValueError, "'beauty'.*avgpool, clip"),
         ("avgpool", {"window": 0}, ValueError, "at least 1 frame"),
         ("vlm-rm", {"alpha": 1.5}, ValueError, "between 0 and 1"),
         ("clip-s", {"other_texts": "walk"}, ValueError, "list of texts"),

@@ -16,7 +16,7 @@ from agents.sb3 import VectorEnvAdapter
 from agents.text import checks
 from agents.text.clock import CLOCK_SIZE, ClockedPolicy, with_clock
 from agents.text.config import TrainConfig
-from agents.text.evaluate import judge, run_episodes
+from agents.text.evaluate import judge, load_rollouts, run_episodes
 from agents.text.export import OnnxPolicy, parity_error
 from agents.text.monitor import load_checkpoint
 from agents.text.play import play
@@ -65,6 +65,20 @@ def test_a_run_writes_all_it_promises(finished):
     assert 0 <= report["evaluation"]["fall_rate"] <= 1
     assert {"seconds", "decisions", "similarity", "reward", "falls"} <= report["history"][0].keys()
     assert report["video"] == "video.mp4"
+
+
+def test_the_evaluation_episodes_are_recorded(finished):
+    folder, _ = finished
+    episodes = load_rollouts(folder.rollouts)
+    evaluation = json.loads(folder.report.read_text())["evaluation"]
+    assert [round(len(episode.qpos) / 30, 2) for episode in episodes] == evaluation["seconds"]
+    assert np.mean([episode.success for episode in episodes]) == evaluation["success_rate"]
+    assert np.mean([episode.similarity for episode in episodes]) == pytest.approx(evaluation["similarity"])
+    for episode in episodes:
+        assert episode.observations.shape == (len(episode.qpos), 223)
+        np.testing.assert_allclose(episode.observations[:, 0], episode.qpos[:, 2], atol=1e-5)  # pelvis height
+    with pytest.raises(FileNotFoundError, match="not finished"):
+        load_rollouts(folder.path / "nothing.npz")
 
 
 def test_the_video_can_be_read_and_is_as_long_as_the_episode(finished):
