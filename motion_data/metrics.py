@@ -1,7 +1,7 @@
-"""Measures of motion: foot skate and jerk of body paths; Frechet distance, diversity and multimodality of features.
+"""Measures of motion: foot skate and jerk of body paths; Frechet distance, diversity and multimodality of features; CLIP_S.
 
 All are pure functions of arrays, batched over leading dimensions where a motion is measured. Features may come from any
-encoder; distances of different encoders cannot be compared.
+encoder; distances of different encoders cannot be compared. `motion_data.motion_features` has features without an encoder.
 """
 
 import numpy as np
@@ -80,6 +80,24 @@ def jerk(positions: np.ndarray, fps: float = FRAME_RATE) -> np.ndarray:
         raise ValueError(f"Jerk needs at least 4 frames, got {positions.shape[-3]}.")
     third = np.diff(positions, n=3, axis=-3) * fps**3
     return np.linalg.norm(third, axis=-1).mean((-2, -1))
+
+
+def clip_similarity(image_features: np.ndarray, text_feature: np.ndarray) -> np.ndarray:
+    """CLIP_S, by which AnySkill (Cui et al., CVPR 2024, section 4.2) judges motions: 100 times the cosine of image and text.
+
+    The paper defines it as "CLIP similarity between rendered images and text"; the factor 100 follows from the size of its
+    numbers (18 to 25), and what it makes of several frames is nowhere stated: here it is their mean. That of different
+    encoders cannot be compared, and one by the encoder of the reward measures what was trained for.
+
+    Args:
+        image_features: Features of the frames of a motion, ``(..., T, d)``; need not have unit length.
+        text_feature: Feature of the text, ``(d,)``.
+
+    Returns:
+        From -100 to 100, ``(...)``.
+    """
+    lengths = np.linalg.norm(image_features, axis=-1) * np.linalg.norm(text_feature)
+    return 100 * (image_features @ text_feature / np.maximum(lengths, 1e-12)).mean(-1)
 
 
 def frechet_distance(first: np.ndarray, second: np.ndarray) -> float:
