@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anyskill_envs.actions import FloatArray
+from anyskill_envs.objects.scene import Scene
+from anyskill_envs.objects.state import object_states
 from anyskill_envs.observation import OBSERVATION_LAYOUT
 from anyskill_envs.rendering import Camera, HumanoidRenderer
 from motion_data.skeleton import heading
@@ -25,7 +27,7 @@ _PELVIS_VELOCITY = slice(
 class HumanoidReward(EpisodicReward):
     """Rewards humanoids step by step for their states, drawing pictures only for a reward that needs them.
 
-    All that it computes follows from proprioception, pose and latents, which `record_controller_steps=True` puts into
+    All that it computes follows from proprioception, pose, latents and states of objects, which `record_controller_steps=True` puts into
     `info`: so the same object recomputes rewards on stored rollouts.
 
     Args:
@@ -33,6 +35,7 @@ class HumanoidReward(EpisodicReward):
         texts: what each of the n humanoids should do.
         camera: where pictures are taken from.
         latents: the latents of the motion library ``(k, 64)``; None where actions are no latents.
+        scene: the objects beside the humanoids; none if None.
 
     Attributes:
         style_latents: the latent of the library that each humanoid is compared with in this decision, ``(n, 64)``.
@@ -40,12 +43,23 @@ class HumanoidReward(EpisodicReward):
 
     Raises:
         RenderingError: the reward looks at pictures, and none can be drawn on this machine.
-        ValueError: the reward looks at latents, and there are none.
+        ValueError: the reward looks at latents or objects, and there are none.
     """
 
     def __init__(
-        self, reward: RewardFn, texts: Sequence[str], camera: Camera, latents: NDArray[np.floating] | None = None
+        self,
+        reward: RewardFn,
+        texts: Sequence[str],
+        camera: Camera,
+        latents: NDArray[np.floating] | None = None,
+        scene: Scene | None = None,
     ) -> None:
+        self._scene = Scene() if scene is None else scene
+        if "objects" in reward.needs and not self._scene:
+            raise ValueError(
+                "The reward looks at an object, but the scene of this environment has none: use an environment with one, "
+                'such as HumanoidSoccer-v0, or name some: objects=["ball"].'
+            )
         if latents is None and reward.needs & _LATENT_NEEDS:
             raise ValueError(
                 "The reward looks at latents of the controller, but the actions of this environment are none: use "
@@ -53,7 +67,7 @@ class HumanoidReward(EpisodicReward):
             )
         super().__init__(reward, texts)
         self._camera = camera
-        self._renderer = HumanoidRenderer() if "frames" in reward.needs else None
+        self._renderer = HumanoidRenderer(scene=self._scene) if "frames" in reward.needs else None
         self._latents = np.zeros((1, 0), np.float32) if latents is None else latents.astype(np.float32)
         self.style_latents = np.zeros((len(self.texts), self._latents.shape[1]), np.float32)
         chosen = np.random.default_rng(0).permutation(len(self._latents))[:STYLE_LIBRARY_SIZE]
@@ -68,21 +82,32 @@ class HumanoidReward(EpisodicReward):
         """The drawn latents for `info`, if the reward used any: with them it can be recomputed."""
         return {"style_latent": self.style_latents.copy()} if "style_latent" in self.reward.needs else {}
 
-    def start_from(self, ids: NDArray[np.int64], observation: FloatArray, qpos: NDArray[np.float64]) -> None:
-        """Begin episodes of the humanoids `ids` ``(k,)`` in states ``(k, 223)`` and ``(k, 35)``."""
-        self.start(ids, self._see(observation, qpos))
+    def start_from(
+        self,
+        ids: NDArray[np.int64],
+        observation: FloatArray,
+        qpos: NDArray[np.float64],
+        objects: FloatArray | None = None,
+    ) -> None:
+        """Begin episodes of the humanoids `ids` ``(k,)`` in states as those of :meth:`of_step`, k rows."""
+        self.start(ids, self._see(observation, qpos, objects=objects))
 
     def of_step(
-        self, observation: FloatArray, qpos: NDArray[np.float64], latents: FloatArray | None = None
+        self,
+        observation: FloatArray,
+        qpos: NDArray[np.float64],
+        latents: FloatArray | None = None,
+        objects: FloatArray | None = None,
     ) -> RewardOutput:
         """Reward one controller step.
 
         Args:
             observation: proprioception after it, ``(n, 223)``.
-            qpos: poses after it, ``(n, 35)``.
+            qpos: poses after it, ``(n, 35)``; of the whole scene if there are objects.
             latents: unit latents that drove it, ``(n, 64)``.
+            objects: states of the objects after it, ``(n, m)``, see :func:`anyskill_envs.objects.state.object_vectors`.
         """
-        return self(self._see(observation, qpos, latents))
+        return self(self._see(observation, qpos, latents, objects))
 
     def close(self) -> None:
         """Free the GL context."""
@@ -90,7 +115,11 @@ class HumanoidReward(EpisodicReward):
             self._renderer.close()
 
     def _see(
-        self, observation: FloatArray, qpos: NDArray[np.float64], latents: FloatArray | None = None
+        self,
+        observation: FloatArray,
+        qpos: NDArray[np.float64],
+        latents: FloatArray | None = None,
+        objects: FloatArray | None = None,
     ) -> RewardBatch:
         needs = self.reward.needs
         frames = velocity = facing = None
@@ -110,4 +139,5 @@ class HumanoidReward(EpisodicReward):
             library_latents=self.library_latents if "library_latents" in needs else None,
             velocity=velocity,
             facing=facing,
+            objects=object_states(self._scene, objects) if objects is not None and self._scene else None,
         )

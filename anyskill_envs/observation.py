@@ -43,29 +43,20 @@ def observe(
         angular velocities; all turned into the heading frame. See :data:`OBSERVATION_LAYOUT`.
     """
     count = len(positions)
-    w, _, _, z = np.moveaxis(quaternions[:, 0], -1, 0)
-    # Cosine and sine of twice the angle of (w, z): see motion_data.skeleton.heading.
-    square = np.maximum(w * w + z * z, 1e-9)
-    cosine, sine = (
-        ((w * w - z * z) / square).astype(np.float32)[:, None],
-        (2 * w * z / square).astype(np.float32)[:, None],
-    )
+    cosine, sine = (part[:, None] for part in heading_direction(quaternions[:, 0]))
 
     observation = np.empty((count, OBSERVATION_SIZE), np.float32)
     observation[:, 0] = positions[:, 0, 2]
 
     def write(target: np.ndarray, vectors: np.ndarray) -> None:
-        """Writes world vectors ``(n, k, 3)``, turned by minus the heading, into a view of the same shape."""
-        target[..., 0] = cosine * vectors[..., 0] + sine * vectors[..., 1]
-        target[..., 1] = cosine * vectors[..., 1] - sine * vectors[..., 0]
-        target[..., 2] = vectors[..., 2]
+        turn_to_heading(target, vectors, cosine, sine)
 
     def block(name: str, *shape: int) -> np.ndarray:
         return observation[:, OBSERVATION_LAYOUT[name]].reshape(count, *shape)
 
     write(block("body_positions", _BODIES - 1, 3), (positions[:, 1:] - positions[:, :1]).astype(np.float32))
     rotations = block("body_rotations", _BODIES, 2, 3)
-    tangents, normals = _axes(quaternions.astype(np.float32))
+    tangents, normals = rotation_axes(quaternions.astype(np.float32))
     write(rotations[:, :, 0], tangents)
     write(rotations[:, :, 1], normals)
     write(block("body_linear_velocities", _BODIES, 3), linear_velocities.astype(np.float32))
@@ -73,7 +64,29 @@ def observe(
     return observation
 
 
-def _axes(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def heading_direction(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cosine and sine of the heading of orientations ``(n, 4)``, float32 ``(n,)`` each."""
+    w, _, _, z = np.moveaxis(quaternions, -1, 0)
+    # Cosine and sine of twice the angle of (w, z): see motion_data.skeleton.heading.
+    square = np.maximum(w * w + z * z, 1e-9)
+    return ((w * w - z * z) / square).astype(np.float32), (2 * w * z / square).astype(np.float32)
+
+
+def turn_to_heading(target: np.ndarray, vectors: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> None:
+    """Writes world vectors ``(..., 3)``, turned by minus the heading, into an array or view of the same shape.
+
+    Args:
+        target: where to write.
+        vectors: the vectors.
+        cosine: cosine of the heading, of a shape that broadcasts with ``(...)``.
+        sine: its sine.
+    """
+    target[..., 0] = cosine * vectors[..., 0] + sine * vectors[..., 1]
+    target[..., 1] = cosine * vectors[..., 1] - sine * vectors[..., 0]
+    target[..., 2] = vectors[..., 2]
+
+
+def rotation_axes(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and third columns of rotation matrices, each ``(..., 3)``."""
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
     first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], -1)

@@ -8,6 +8,7 @@ import ctypes
 import importlib
 import os
 import platform
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +17,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from anyskill_envs.objects.scene import Scene
 from motion_data.skeleton import HUMANOID_XML, heading, load_model
 
 Preset = Literal["clip_fast", "video"]
@@ -34,7 +36,7 @@ class RenderingError(RuntimeError):
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the camera stands; it always looks at the pelvis.
+    """Where the camera stands; it looks at the pelvis, or at what is between pelvis and object.
 
     The default is AnySkill's: (3, 0, 1) m, so that the humanoid is seen from the front.
 
@@ -44,11 +46,14 @@ class Camera:
         follow: "heading" walks around with the humanoid, x being where it faces; "position" walks along but keeps the
             direction of the world's axes; "world" stands still.
         look_at_height: height of the point looked at in metres; None for that of the pelvis.
+        frame_objects: put the middle between pelvis and nearest object in the place of the pelvis, and step back as far
+            as it takes to have both in the picture; an object more than 3 m away is let go.
     """
 
     position: tuple[float, float, float] = (3.0, 0.0, 1.0)
     follow: Follow = "heading"
     look_at_height: float | None = None
+    frame_objects: bool = False
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -57,10 +62,26 @@ class Camera:
         if len(self.position) != 3 or not np.isfinite(self.position).all():
             raise ValueError(f"Camera.position must be three finite numbers in metres, not {self.position}.")
 
-    def placed(self, qpos: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where the camera stands and what it looks at, both (3,) in world metres, for one pose (35,)."""
+    def placed(
+        self, qpos: NDArray[np.float64], objects: NDArray[np.float64] | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where the camera stands and what it looks at.
+
+        Args:
+            qpos: a pose, of which the first 7 numbers are those of the pelvis.
+            objects: positions of the objects in the scene, (k, 3) world metres.
+
+        Returns:
+            Camera and target, both (3,) in world metres.
+        """
         pelvis = np.array(qpos[:3], dtype=np.float64)
         position = np.array(self.position, dtype=np.float64)
+        if self.frame_objects and objects is not None and len(objects):
+            offset = min((objects - pelvis)[:, :2], key=lambda each: float(np.hypot(*each)))
+            apart = float(np.hypot(*offset))
+            shown = offset * min(1.0, _FRAMED / max(apart, 1e-9))
+            pelvis[:2] += 0.5 * shown
+            position[:2] *= max(1.0, (0.5 * min(apart, _FRAMED) + _MARGIN) / (_VIEW * float(np.hypot(*position[:2]))))
         if self.follow == "heading":
             yaw = float(heading(qpos[3:7]))
             cosine, sine = np.cos(yaw), np.sin(yaw)
@@ -74,6 +95,21 @@ class Camera:
 
 
 FRONT_CAMERA = Camera()
+SCENE_CAMERA = Camera(position=(1.1, -3.2, 1.4), look_at_height=0.92, frame_objects=True)
+"""For scenes with objects: from the humanoid's right side, a little from ahead, so that neither hides the other."""
+_FRAMED = 3.0
+"""Metres between pelvis and object up to which the camera shows both."""
+_MARGIN = 0.55
+"""Metres that are shown beyond both."""
+_VIEW = float(np.tan(np.radians(22.5)))
+"""Half the width of a square picture at a distance of 1 m; MuJoCo's cameras see 45 degrees."""
+
+
+def camera_of(fields: Mapping[str, Any] | None, scene: Scene) -> Camera:
+    """The camera with these fields; None stands for the default, which depends on whether there are objects."""
+    if fields is None and scene:
+        return SCENE_CAMERA
+    return Camera(**(fields or {}))
 
 
 def choose_backend() -> str:
@@ -138,6 +174,14 @@ def _create_context(backend: str, width: int, height: int) -> Any:
     return context
 
 
+def set_pose(model: mujoco.MjModel, data: mujoco.MjData, pose: NDArray[np.float64]) -> None:
+    """Puts a pose of a scene into `data` and computes where all bodies are."""
+    data.qpos[:] = pose[: model.nq]
+    anchors = pose[model.nq :].reshape(-1, 7)
+    data.mocap_pos[:], data.mocap_quat[:] = anchors[:, :3], anchors[:, 3:]
+    mujoco.mj_kinematics(model, data)
+
+
 class HumanoidRenderer:
     """Draws the humanoid in a pose.
 
@@ -153,6 +197,7 @@ class HumanoidRenderer:
         height: int = 224,
         preset: Preset = "clip_fast",
         xml: str | Path = HUMANOID_XML,
+        scene: Scene | None = None,
     ) -> None:
         """Choose size and preset.
 
@@ -161,6 +206,7 @@ class HumanoidRenderer:
             height: pixels.
             preset: "clip_fast" or "video".
             xml: the MJCF to draw.
+            scene: draws the objects of this scene as well, instead of an MJCF.
 
         Raises:
             ValueError: an unknown preset, or a size that is not positive.
@@ -174,7 +220,9 @@ class HumanoidRenderer:
         self.height = int(height)
         self.preset = preset
         self.backend = choose_backend()
-        self.model = copy.deepcopy(load_model(xml))  # the loaded model is shared, and the preset changes it
+        model = load_model(xml) if scene is None else scene.model
+        self.model = copy.deepcopy(model)  # the loaded model is shared, and the preset changes it
+        self._object_bodies = [] if scene is None else [part.body for part in scene.parts.values()]
         self.model.vis.global_.offwidth = self.width
         self.model.vis.global_.offheight = self.height
         self.model.vis.quality.offsamples = 4 if preset == "video" else 0
@@ -210,7 +258,8 @@ class HumanoidRenderer:
         """Draw one pose.
 
         Args:
-            qpos: root position, root quaternion (w first) and 28 hinge angles, shape (35,).
+            qpos: root position, root quaternion (w first) and 28 hinge angles, shape (35,); a pose of the scene if there
+                is one.
             camera: where the camera stands.
 
         Returns:
@@ -221,15 +270,15 @@ class HumanoidRenderer:
             RenderingError: the GL context cannot be created.
         """
         qpos = np.asarray(qpos, dtype=np.float64)
-        if qpos.shape != (self.model.nq,):
-            raise ValueError(f"A pose must have the shape ({self.model.nq},), not {qpos.shape}.")
+        pose_size = self.model.nq + 7 * self.model.nmocap
+        if qpos.shape != (pose_size,):
+            raise ValueError(f"A pose must have the shape ({pose_size},), not {qpos.shape}.")
         if self._context is None:
             self._start()
         self._context.make_current()
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self.model, self._data)
+        set_pose(self.model, self._data, qpos)
         mujoco.mj_camlight(self.model, self._data)
-        position, target = camera.placed(qpos)
+        position, target = camera.placed(qpos, self._data.xpos[self._object_bodies])
         ray = target - position
         self._view.lookat[:] = target
         self._view.distance = np.linalg.norm(ray)

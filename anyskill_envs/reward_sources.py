@@ -68,12 +68,13 @@ class HumanoidSource:
         controller = getattr(env.decoder, "controller", None)
         latents = None if controller is None else controller.latents
         self._env = env
-        self.episodic: HumanoidReward = HumanoidReward(reward, texts, env._camera, latents)
+        self.episodic: HumanoidReward = HumanoidReward(reward, texts, env._camera, latents, env.scene)
         env.record_controller_steps = True
 
     def start(self, ids: NDArray[np.int64], observations: Any) -> None:
         """Begin episodes in the states in which the humanoids are now."""
-        self.episodic.start_from(ids, self._env.proprioception[ids], self._env.simulation.qpos[ids])
+        env = self._env
+        self.episodic.start_from(ids, env.proprioception[ids], env.simulation.poses[ids], env.object_vectors[ids])
 
     def prepare(self) -> None:
         """Draw the latents that a style term compares with, as `HumanoidText-v0` does."""
@@ -81,7 +82,8 @@ class HumanoidSource:
 
     def entries(self, observations: Any, infos: dict[str, Any]) -> Entries:
         """Means over the executed controller steps; one in which the simulation diverged earns nothing."""
-        seen, qpos = infos["controller_observations"], infos["controller_qpos"]
+        seen, poses = infos["controller_observations"], infos["controller_qpos"]
+        objects = infos.get("controller_objects", np.zeros((*seen.shape[:2], 0), np.float32))
         latents = infos.get("latent")
         # A wrapper of the actions may have counted more steps than the last one, which is recorded.
         executed = np.minimum(infos["controller_steps"], seen.shape[1])
@@ -89,7 +91,8 @@ class HumanoidSource:
         for step in range(seen.shape[1]):
             last = step == executed - 1
             counted = (step < executed) & ~(last & infos["diverged"])
-            for key, value in reward_entries(self.episodic.of_step(seen[:, step], qpos[:, step], latents)).items():
+            output = self.episodic.of_step(seen[:, step], poses[:, step], latents, objects[:, step])
+            for key, value in reward_entries(output).items():
                 sums[key] = sums.get(key, 0.0) + np.where(counted, value, 0.0)
         means: Entries = {key: value / np.maximum(executed, 1) for key, value in sums.items()}
         return means | dict(self.episodic.style_info())
@@ -97,7 +100,9 @@ class HumanoidSource:
     def blank(self, observations: Any) -> Entries:
         """Zeros under the keys of :meth:`entries`."""
         shape = (len(self.episodic.texts), self.episodic.library_latents.shape[1])
-        output = self.episodic.of_step(self._env.proprioception, self._env.simulation.qpos, np.zeros(shape, np.float32))
+        still = np.zeros(shape, np.float32)
+        env = self._env
+        output = self.episodic.of_step(env.proprioception, env.simulation.poses, still, env.object_vectors)
         zeros: Entries = {key: np.zeros(shape[0]) for key in reward_entries(output)}
         return zeros | {key: np.zeros_like(value) for key, value in self.episodic.style_info().items()}
 

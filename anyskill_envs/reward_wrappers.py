@@ -232,7 +232,14 @@ class VectorTextReward(RebuiltFromArguments, VectorWrapper[Any, Any, Any, Any, N
         return _renamed(infos) | with_masks(own, mask)
 
 
-_CONTROLLER_STEP_KEYS = ("controller_observations", "controller_qpos", "controller_steps", "diverged", "latent")
+_CONTROLLER_STEP_KEYS = (
+    "controller_observations",
+    "controller_qpos",
+    "controller_objects",
+    "controller_steps",
+    "diverged",
+    "latent",
+)
 """What :class:`HumanoidSource` reads."""
 
 

@@ -7,8 +7,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from anyskill_envs.objects.scene import Scene
 from anyskill_envs.observation import observe
-from motion_data.skeleton import HEAD_CENTRE, HUMANOID_XML, JOINT_NAMES, body_index, load_model
+from motion_data.skeleton import HEAD_CENTRE, JOINT_NAMES, body_index, load_model
 
 PHYSICS_STEPS = 4
 """Physics steps (1/120 s) per controller step (1/30 s)."""
@@ -36,23 +37,30 @@ class HumanoidSimulation:
         num_humanoids: How many.
         num_threads: Native threads; 0 for one per CPU (never more than humanoids).
         xml: MJCF file; its first body must be our humanoid. The project's own if None.
+        scene: Objects beside each humanoid, instead of a file; none if None.
 
     Attributes:
+        scene: The objects.
         model: The MuJoCo model (read-only).
         qpos: Live positions ``(n, nq)``; after writing, call :meth:`refresh`.
         qvel: Live velocities ``(n, nv)``; after writing, call :meth:`refresh`.
 
     Raises:
         FileNotFoundError: If the MJCF does not exist.
-        ValueError: If a number is out of range or the MJCF has other joints.
+        ValueError: If a number is out of range, the MJCF has other joints, or there is both a file and a scene.
     """
 
-    def __init__(self, num_humanoids: int, num_threads: int = 0, xml: str | Path | None = None):
+    def __init__(
+        self, num_humanoids: int, num_threads: int = 0, xml: str | Path | None = None, scene: Scene | None = None
+    ):
         if num_humanoids < 1:
             raise ValueError(f"num_humanoids must be at least 1, got {num_humanoids}.")
         if num_threads < 0:
             raise ValueError(f"num_threads must be 0 (one per CPU) or more, got {num_threads}.")
-        self.model = load_model(xml or HUMANOID_XML)
+        if xml is not None and scene is not None:
+            raise ValueError("A simulation is of an MJCF file or of a scene, not of both: leave one out.")
+        self.scene = Scene() if scene is None else scene
+        self.model = self.scene.model if xml is None else load_model(xml)
         actuated = tuple(self.model.actuator(index).name for index in range(self.model.nu))
         if actuated != JOINT_NAMES:
             raise ValueError(
@@ -66,15 +74,22 @@ class HumanoidSimulation:
         self._controls = self._batch.bind("ctrl")
         self._warmstart = self._batch.bind("qacc_warmstart")
         self._external = self._batch.bind("xfrc_applied")
+        self._anchor_positions = self._batch.bind("mocap_pos")
+        self._anchor_quaternions = self._batch.bind("mocap_quat")
         bodies = slice(1, 1 + 15)
-        self.body_positions = self._batch.bind("xpos")[:, bodies]
-        """World positions of the bodies, ``(n, 15, 3)``, read-only view."""
-        self.body_quaternions = self._batch.bind("xquat")[:, bodies]
-        """World orientations of the bodies, w first, ``(n, 15, 4)``, read-only view."""
+        self.world_positions = self._batch.bind("xpos")
+        """World positions of everything in the model, ``(n, bodies, 3)``: world, humanoid, objects; read-only view."""
+        self.world_quaternions = self._batch.bind("xquat")
+        """World orientations of the same, w first, ``(n, bodies, 4)``, read-only view."""
+        self.body_positions = self.world_positions[:, bodies]
+        """World positions of the humanoid's bodies, ``(n, 15, 3)``, read-only view."""
+        self.body_quaternions = self.world_quaternions[:, bodies]
+        """World orientations of the humanoid's bodies, w first, ``(n, 15, 4)``, read-only view."""
         # MuJoCo's spatial velocity: angular first, linear at the centre of mass of the kinematic tree.
-        self._spatial = self._batch.bind("cvel")[:, bodies]
+        self._world_spatial = self._batch.bind("cvel")
+        self._spatial = self._world_spatial[:, bodies]
         self._tree_centre = self._batch.bind("subtree_com")[:, 1]
-        self._rest = self.model.qpos0.copy()
+        self._rest = self.model.qpos0 if xml is not None else self.scene.rest_pose
         self._batch.reset(stage=_VELOCITY_STAGE)
         self._warnings = self._bad_states()
 
@@ -86,6 +101,26 @@ class HumanoidSimulation:
     def batch(self) -> Batch:
         """The native batch, for further bound fields and for rendering one humanoid."""
         return self._batch
+
+    @property
+    def pose_size(self) -> int:
+        """Numbers of a pose: `qpos`, then position and quaternion of each object that stands fixed."""
+        return len(self._rest)
+
+    @property
+    def poses(self) -> np.ndarray:
+        """All that is needed to draw the simulations, ``(n, pose_size)``; see :class:`anyskill_envs.objects.scene.Scene`.
+
+        Without fixed objects it is `qpos` itself.
+        """
+        if not self.model.nmocap:
+            return self.qpos
+        anchors = np.concatenate([self._anchor_positions, self._anchor_quaternions], axis=2)
+        return np.concatenate([self.qpos, anchors.reshape(len(self), -1)], axis=1)
+
+    def angular_velocities(self, body: int) -> np.ndarray:
+        """World angular velocities of one body of the model, ``(n, 3)`` rad/s."""
+        return self._world_spatial[:, body, :3]
 
     @property
     def body_angular_velocities(self) -> np.ndarray:
@@ -119,13 +154,16 @@ class HumanoidSimulation:
 
         Args:
             ids: Indices of the humanoids, ``(k,)``.
-            qpos: Positions ``(k, nq)``; the rest pose if None.
+            qpos: Poses ``(k, pose_size)``; the rest pose if None.
             qvel: Velocities ``(k, nv)``; zero if None.
         """
         ids = np.asarray(ids)
         if not len(ids):
             return
-        self.qpos[ids] = self._rest if qpos is None else qpos
+        poses = np.broadcast_to(self._rest if qpos is None else qpos, (len(ids), self.pose_size))
+        self.qpos[ids] = poses[:, : self.model.nq]
+        anchors = poses[:, self.model.nq :].reshape(len(ids), -1, 7)
+        self._anchor_positions[ids], self._anchor_quaternions[ids] = anchors[..., :3], anchors[..., 3:]
         self.qvel[ids] = 0 if qvel is None else qvel
         self._controls[ids] = self.qpos[ids, 7 : 7 + len(JOINT_NAMES)]
         self._warmstart[ids] = 0

@@ -32,7 +32,8 @@ class HumanoidEnv(RebuiltFromArguments, gym.Env[FloatArray, FloatArray]):
 
     `Box((223,), float32)`, AnySkill's proprioception in the heading frame; `OBSERVATION_LAYOUT` in
     `anyskill_envs.observation` names the blocks: root height 1 (m), positions of 14 bodies from the pelvis 42 (m),
-    x and z axes of 15 bodies 90, linear velocities 45 (m/s), angular velocities 45 (rad/s).
+    x and z axes of 15 bodies 90, linear velocities 45 (m/s), angular velocities 45 (rad/s). Objects append what is seen
+    of them, see docs/objects.md.
 
     ## Rewards
 
@@ -41,7 +42,8 @@ class HumanoidEnv(RebuiltFromArguments, gym.Env[FloatArray, FloatArray]):
     ## Starting state
 
     The rest pose with small uniform noise, facing x, or a random frame of the motion clips (`initial_state="library"`).
-    `reset(options={"initial_state": ...})` takes either name or a dictionary with `qpos` and `qvel`.
+    `reset(options={"initial_state": ...})` takes either name or a dictionary with `qpos` and `qvel`. Objects are placed
+    around it by chance; `reset(options={"placement": ...})` says where for this episode.
 
     ## Episode end
 

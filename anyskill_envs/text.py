@@ -14,7 +14,9 @@ from anyskill_envs.actions import ActionDecoder, FloatArray
 from anyskill_envs.controller import LowLevelController
 from anyskill_envs.humanoid_reward import HumanoidReward
 from anyskill_envs.latent import HumanoidLatentEnv, HumanoidLatentVectorEnv
-from anyskill_envs.rendering import Camera
+from anyskill_envs.objects import SceneObject
+from anyskill_envs.objects.scene import Scene
+from anyskill_envs.rendering import camera_of
 from rewards import Encoder, RewardFn, RewardOutput, make_reward
 from rewards.episodic import checked_texts
 
@@ -35,6 +37,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         terminate_when_fallen: see :class:`HumanoidVectorEnv`; a fall ends the episode by default.
         controller: path of the controller's ONNX file, or a loaded controller; the bundled one if None.
         num_threads: threads of physics and controller; 0 for one per CPU. Results do not depend on it.
+        objects: what stands beside each humanoid; see :class:`HumanoidVectorEnv`.
         **kwargs: arguments of :class:`HumanoidVectorEnv`.
 
     Raises:
@@ -57,6 +60,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         terminate_when_fallen: bool = True,
         controller: LowLevelController | str | Path | None = None,
         num_threads: int = 0,
+        objects: Scene | Sequence[str | SceneObject] = (),
         **kwargs: Any,
     ) -> None:
         texts = checked_texts(text, max(num_envs, 1), "humanoids")  # the base class refuses less
@@ -64,14 +68,16 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
             reward = make_reward(reward, **{"encoder": encoder} | dict(reward_kwargs or {}))
         if not isinstance(controller, LowLevelController):
             controller = LowLevelController.load(controller)
-        camera = Camera(**(kwargs.get("camera") or {}))
-        self._reward = HumanoidReward(reward, texts, camera, controller.latents)
+        scene = Scene.of(objects)
+        camera = camera_of(kwargs.get("camera"), scene)
+        self._reward = HumanoidReward(reward, texts, camera, controller.latents, scene)
         self.text_observation = text_observation
         super().__init__(
             num_envs,
             controller=controller,
             num_threads=num_threads,
             terminate_when_fallen=terminate_when_fallen,
+            objects=scene,
             **kwargs,
         )
 
@@ -96,7 +102,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         return self._reward.library_latents
 
     def make_observation_space(self) -> Box:
-        """Proprioception, and the text's feature if it was asked for."""
+        """Proprioception and objects, and the text's feature if it was asked for."""
         space = super().make_observation_space()
         if not self.text_observation:
             return space
@@ -104,7 +110,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         return Box(np.concatenate([space.low, -feature]), np.concatenate([space.high, feature]), dtype=np.float32)
 
     def observations(self, ids: NDArray[np.int64] | slice) -> FloatArray:
-        """Observations of some humanoids, new arrays ``(k, 223)`` or ``(k, 223 + d)``."""
+        """Observations of some humanoids, new arrays ``(k, 223)``, and further columns for objects and text."""
         observations = super().observations(ids)
         if self.text_observation:
             observations = np.concatenate([observations, self.text_features[ids]], axis=1)
@@ -119,13 +125,14 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
 
     def compute_reward(self, commands: FloatArray) -> RewardOutput:
         """The text reward of the controller step that was just executed."""
-        return self._reward.of_step(self.proprioception, self.simulation.qpos, commands)
+        return self._reward.of_step(self.proprioception, self.simulation.poses, commands, self.object_vectors)
 
     def begin_episodes(self, ids: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Take in a new text; `text` may be one sentence or one for each of the humanoids that are reset."""
         if "text" in options:
             self._reward.set_texts(ids, checked_texts(options["text"], len(ids), "humanoids"))
-        self._reward.start_from(ids, self.proprioception[ids], self.simulation.qpos[ids])
+        vectors = self.object_vectors[ids]
+        self._reward.start_from(ids, self.proprioception[ids], self.simulation.poses[ids], vectors)
 
     def extra_info(self) -> dict[str, NDArray[Any]]:
         """The latents drawn for a style term: with them the reward can be recomputed."""
@@ -146,8 +153,8 @@ class HumanoidTextEnv(HumanoidLatentEnv):
 
     ## Observation space
 
-    Proprioception, `Box((223,), float32)`, as in :class:`HumanoidEnv`: one policy per text needs nothing else.
-    `text_observation=True` appends the text's feature.
+    Proprioception, `Box((223,), float32)`, as in :class:`HumanoidEnv`: one policy per text needs nothing else. Objects
+    append what is seen of them, and `text_observation=True` appends the text's feature.
 
     ## Rewards
 
@@ -159,6 +166,11 @@ class HumanoidTextEnv(HumanoidLatentEnv):
     ## Starting state
 
     That of :class:`HumanoidEnv`. `reset(options={"text": ...})` changes the text.
+
+    ## Objects
+
+    HumanoidSoccer-v0, HumanoidDoor-v0, HumanoidChair-v0 and HumanoidPillar-v0 are this environment with `objects` and
+    another default text; docs/objects.md describes them.
 
     ## Episode end
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -13,11 +13,14 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from anyskill_envs.actions import ActionDecoder, FloatArray, JointActions
+from anyskill_envs.objects import SceneObject
+from anyskill_envs.objects.scene import Scene
+from anyskill_envs.objects.state import object_states, object_vectors, observation_bounds, observe_objects
 from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE, observe
 from anyskill_envs.rebuilding import RebuiltFromArguments
-from anyskill_envs.rendering import Camera, HumanoidRenderer
+from anyskill_envs.rendering import HumanoidRenderer, camera_of
 from anyskill_envs.simulation import HumanoidSimulation
-from anyskill_envs.starts import START_NAMES, draw_starts
+from anyskill_envs.starts import QPOS_SIZE, QVEL_SIZE, START_NAMES, draw_starts
 from anyskill_envs.vector_info import final_entries, reward_entries, with_masks
 from anyskill_envs.viewer import HumanoidViewer
 from motion_data.skeleton import BODY_NAMES, FRAME_RATE
@@ -66,7 +69,9 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
     `info` has the same keys at every step, each an array ``(num_envs, ...)`` beside its mask ``_key``: `reward_<term>`
     for every term of the reward (they add up to it), `similarity` if the reward compares with a text, `x_position` and
     `distance_from_origin` (m), `x_velocity` (m/s) of the pelvis, `head_height` (m), `controller_steps` executed,
-    `diverged`, and what the decoder adds (`latent`). After a reset, whatever belongs to a step is zero.
+    `diverged`, and what the decoder adds (`latent`). Each object adds `<object>_distance` (m, horizontally from the
+    pelvis), `<object>_speed` (m/s) and, if it has joints, `<object>_angle`. After a reset, whatever belongs to a step is
+    zero.
 
     Args:
         num_envs: number of humanoids.
@@ -78,14 +83,21 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         render_mode: None, "rgb_array" (pictures of all humanoids) or "human" (a window with the first one).
         width: width of pictures in pixels.
         height: height of pictures in pixels.
-        camera: fields of `anyskill_envs.rendering.Camera`; in front of the humanoid by default.
+        camera: fields of `anyskill_envs.rendering.Camera`; by default in front of the humanoid, or, with objects, beside it
+            so that both are seen.
         num_threads: native threads; 0 for one per CPU. Results do not depend on it.
         initial_state: "standing" starts from the rest pose, "library" from a random frame of the motion clips.
         reset_noise_scale: half-width of the uniform noise at the start: joint angles (rad), velocities (rad/s, m/s).
         minimum_head_height: an episode terminates when the centre of the head is lower, in metres.
         terminate_when_fallen: terminate as well when a body other than feet and shins is below 0.05 m.
         record_controller_steps: add `controller_observations` ``(k, 223)`` and `controller_qpos` ``(k, 35)`` of the k
-            controller steps of an action to `info`, for rewards to be recomputed and for smooth videos.
+            controller steps of an action to `info`, for rewards to be recomputed and for smooth videos. With objects,
+            the latter are poses of the scene, and `controller_objects` holds the states of the objects.
+        objects: names of objects that stand beside each humanoid, such as ``["ball", "door"]``, or
+            `anyskill_envs.objects.SceneObject`; see docs/objects.md.
+        placement: where they stand at the start, by object: ``{"ball": {"distance": (1.0, 3.0), "bearing": 0.0}}``; what is
+            left out is the object's own. See :class:`anyskill_envs.objects.Placement`.
+        object_observation: append the objects to the observation; False is AnySkill's policy, which does not see them.
 
     Raises:
         ValueError: an argument is out of its range; the message says which values exist.
@@ -97,7 +109,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         "render_fps": round(FRAME_RATE / JointActions.controller_steps),
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    reset_options: ClassVar[tuple[str, ...]] = ("initial_state",)
+    reset_options: ClassVar[tuple[str, ...]] = ("initial_state", "placement")
     """Options of :meth:`reset` beside `reset_mask`."""
     decoder: ActionDecoder
 
@@ -118,6 +130,9 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         minimum_head_height: float = 0.15,
         terminate_when_fallen: bool = False,
         record_controller_steps: bool = False,
+        objects: Scene | Sequence[str | SceneObject] = (),
+        placement: Mapping[str, Mapping[str, Any]] | None = None,
+        object_observation: bool = True,
     ) -> None:
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
@@ -142,13 +157,23 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         self.terminate_when_fallen = terminate_when_fallen
         self.record_controller_steps = record_controller_steps
 
-        self.render_mode = render_mode
-        self._camera = Camera(**(camera or {}))
-        self._renderer = HumanoidRenderer(width, height, "video") if render_mode == "rgb_array" else None
-        self._viewer = HumanoidViewer(1 / FRAME_RATE) if render_mode == "human" else None
+        self.scene = Scene.of(objects)
+        self._placements = self.scene.placements(placement)
+        self.object_observation = object_observation
+        # Objects that find no room beside each other are an error now, not in the middle of a training run.
+        rest, still = self.scene.rest_pose[None, :QPOS_SIZE], np.zeros((1, QVEL_SIZE))
+        self.scene.place(rest, still, self._placements, 0.0, np.random.default_rng(0))
 
-        self.simulation = HumanoidSimulation(num_envs, num_threads)
+        self.render_mode = render_mode
+        self._camera = camera_of(camera, self.scene)
+        self._renderer = None
+        if render_mode == "rgb_array":
+            self._renderer = HumanoidRenderer(width, height, "video", scene=self.scene)
+        self._viewer = HumanoidViewer(1 / FRAME_RATE, self.scene) if render_mode == "human" else None
+
+        self.simulation = HumanoidSimulation(num_envs, num_threads, scene=self.scene)
         self.proprioception = self.simulation.observation()
+        self.object_vectors = object_vectors(self.simulation)
         self._controller_step_limit = max_episode_steps and max_episode_steps * self.decoder.controller_steps
         self._elapsed = np.zeros(num_envs, np.int64)
         self._ended = np.zeros(num_envs, bool)
@@ -164,13 +189,22 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
     # What subclasses change
 
     def make_observation_space(self) -> Box:
-        """Space of the observation of one humanoid."""
-        return self._proprioception_space
+        """Space of the observation of one humanoid: proprioception, and the objects unless it is blind to them."""
+        space = self._proprioception_space
+        if not (self.scene and self.object_observation):
+            return space
+        bounds = observation_bounds(self.scene)
+        return Box(np.concatenate([space.low, -bounds]), np.concatenate([space.high, bounds]), dtype=np.float32)
 
     def observations(self, ids: NDArray[np.int64] | slice) -> FloatArray:
-        """Observations of some humanoids, new arrays ``(k, ...)``; here their proprioception within its bounds."""
+        """Observations of some humanoids, new arrays ``(k, ...)``: proprioception and objects within their bounds."""
         space = self._proprioception_space
-        return np.clip(self.proprioception[ids], space.low, space.high)
+        observations = np.clip(self.proprioception[ids], space.low, space.high)
+        if not (self.scene and self.object_observation):
+            return observations
+        bounds = observation_bounds(self.scene)
+        seen = np.clip(observe_objects(self.scene, self.object_vectors[ids]), -bounds, bounds)
+        return np.concatenate([observations, seen], axis=1)
 
     def compute_reward(self, commands: FloatArray) -> RewardOutput:
         """Reward of the controller step that was just executed, for all humanoids; here 1 for being alive.
@@ -191,7 +225,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         return ended
 
     def start_states(self, count: int, initial_state: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw states in which episodes start.
+        """Draw states in which the episodes of humanoids start; objects are placed around them afterwards.
 
         Args:
             count: number of humanoids k.
@@ -232,8 +266,9 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
 
         Args:
             seed: seeds the one random generator of the batch.
-            options: `reset_mask` ``(num_envs,)`` bool, the humanoids to reset (all by default); `initial_state`, for
-                this reset only, see :func:`anyskill_envs.starts.draw_starts`; subclasses may know more.
+            options: `reset_mask` ``(num_envs,)`` bool, the humanoids to reset (all by default); for this reset only
+                `initial_state`, see :func:`anyskill_envs.starts.draw_starts`, and `placement`, see the class;
+                subclasses may know more.
 
         Returns:
             Observations of all humanoids and `info`.
@@ -307,10 +342,10 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of all humanoids, uint8 ``(height, width, 3)`` each; None in a window or without a render mode."""
         if self._viewer is not None:
-            self._viewer.show(self.simulation.qpos[0])
+            self._viewer.show(self.simulation.poses[0])
         if self._renderer is None:
             return None
-        return tuple(self._renderer.render(qpos, self._camera) for qpos in self.simulation.qpos)
+        return tuple(self._renderer.render(pose, self._camera) for pose in self.simulation.poses)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the GL context and close the window."""
@@ -342,7 +377,10 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
 
     def _start_episodes(self, ids: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Put some humanoids into start states, as `options` say."""
+        placements = self.scene.placements(options.get("placement"), self._placements)
         qpos, qvel = self.start_states(len(ids), options.get("initial_state", self.initial_state))
+        if self.scene:
+            qpos, qvel = self.scene.place(qpos, qvel, placements, self.reset_noise_scale, self.np_random)
         self.simulation.reset(ids, qpos, qvel)
         bodies = self.simulation
         self.proprioception[ids] = observe(
@@ -351,6 +389,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
             bodies.body_linear_velocities[ids],
             bodies.body_angular_velocities[ids],
         )
+        self.object_vectors[ids] = object_vectors(self.simulation, ids)
         self._elapsed[ids] = 0
         self._ended[ids] = False
         self.begin_episodes(ids, options)
@@ -364,12 +403,13 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         diverged = np.zeros(self.num_envs, bool)
         executed = np.zeros(self.num_envs, np.int64)
         sums: dict[str, NDArray[np.float64]] = {}
-        records: list[tuple[FloatArray, NDArray[np.float64]]] = []
+        records: list[tuple[FloatArray, NDArray[np.float64], FloatArray]] = []
         self.begin_decision()
         for _ in range(decoder.controller_steps):
             targets = decoder.targets(self.proprioception, commands)
             broken = self.simulation.step(targets, None if running.all() else running) & running
             self.proprioception = self.simulation.observation()
+            self.object_vectors = object_vectors(self.simulation)
             executed += running
             self._elapsed += running
             # A diverged simulation stands in the rest pose again: nothing that it shows deserves a reward.
@@ -382,27 +422,35 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
             if self._controller_step_limit is not None:
                 running &= self._elapsed < self._controller_step_limit
             if self.record_controller_steps:
-                records.append((self.proprioception, self.simulation.qpos.copy()))
+                records.append((self.proprioception, self.simulation.poses.copy(), self.object_vectors))
             if self._viewer is not None:
-                self._viewer.show(self.simulation.qpos[0])
+                self._viewer.show(self.simulation.poses[0])
         self._reward_keys = tuple(sums)
         info: dict[str, NDArray[Any]] = self._state_info()
         info |= {key: value / np.maximum(executed, 1) for key, value in sums.items()}
         info |= {"diverged": diverged, "controller_steps": executed} | decoder.info(commands) | self.extra_info()
         if self.record_controller_steps:
-            info["controller_observations"] = np.stack([observation for observation, _ in records], 1)
-            info["controller_qpos"] = np.stack([qpos for _, qpos in records], 1)
+            info["controller_observations"] = np.stack([observation for observation, _, _ in records], 1)
+            info["controller_qpos"] = np.stack([pose for _, pose, _ in records], 1)
+            if self.scene:
+                info["controller_objects"] = np.stack([vectors for _, _, vectors in records], 1)
         return info, terminated
 
     def _state_info(self) -> dict[str, NDArray[Any]]:
         """Entries of `info` that describe the present state, new arrays ``(n,)``."""
         qpos = self.simulation.qpos
-        return {
+        info: dict[str, NDArray[Any]] = {
             "x_position": qpos[:, 0].copy(),
             "x_velocity": self.simulation.qvel[:, 0].copy(),
             "distance_from_origin": np.hypot(qpos[:, 0], qpos[:, 1]),
             "head_height": self.simulation.head_height,
         }
+        for name, state in object_states(self.scene, self.object_vectors).items():
+            info[f"{name}_distance"] = np.hypot(state.position[:, 0], state.position[:, 1])
+            info[f"{name}_speed"] = np.linalg.norm(state.linear_velocity, axis=1)
+            if state.angle.shape[1]:
+                info[f"{name}_angle"] = state.angle[:, 0].copy()
+        return info
 
     def _info_after_reset(self, decoder: ActionDecoder) -> dict[str, NDArray[Any]]:
         """The keys of :meth:`_execute` for humanoids that have not acted yet: their state, and zeros."""
@@ -417,7 +465,10 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         info |= {key: np.zeros_like(value) for key, value in self.extra_info().items()}
         if self.record_controller_steps:
             info["controller_observations"] = np.zeros((count, decoder.controller_steps, OBSERVATION_SIZE), np.float32)
-            info["controller_qpos"] = np.zeros((count, decoder.controller_steps, self.simulation.model.nq))
+            info["controller_qpos"] = np.zeros((count, decoder.controller_steps, self.simulation.pose_size))
+            if self.scene:
+                shape = (count, decoder.controller_steps, self.scene.state_size)
+                info["controller_objects"] = np.zeros(shape, np.float32)
         return info
 
 

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from anyskill_envs.rendering import RenderingError
-from motion_data.skeleton import load_model
+from anyskill_envs.objects.scene import Scene
+from anyskill_envs.rendering import RenderingError, set_pose
 
 NO_SCREEN_HELP = (
     'render_mode="human" opens a window, and there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set). '
@@ -35,21 +35,22 @@ class HumanoidViewer:
 
     Args:
         frame_time: seconds between two poses.
+        scene: the objects that stand beside it.
 
     Raises:
         RenderingError: there is no screen.
     """
 
-    def __init__(self, frame_time: float) -> None:
+    def __init__(self, frame_time: float, scene: Scene) -> None:
         check_screen()
         self._frame_time = frame_time
-        self._model = load_model()
+        self._model = scene.model
         self._data = mujoco.MjData(self._model)
         self._handle: Any = None
         self._next_frame = 0.0
 
     def show(self, qpos: NDArray[np.float64]) -> None:
-        """Show a pose ``(35,)``; waits so that poses follow each other in real time. Nothing once the window is closed.
+        """Show a pose of the scene, ``(pose_size,)``; waits so that poses follow each other in real time. Nothing once the window is closed.
 
         Raises:
             RenderingError: the window does not open.
@@ -59,8 +60,7 @@ class HumanoidViewer:
         if not self._handle.is_running():
             return
         with self._handle.lock():
-            self._data.qpos[:] = qpos
-            mujoco.mj_kinematics(self._model, self._data)
+            set_pose(self._model, self._data, qpos)
             mujoco.mj_camlight(self._model, self._data)
             self._handle.cam.lookat[:] = qpos[:3]  # the user's mouse turns the camera about the pelvis
         self._handle.sync()

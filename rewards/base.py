@@ -11,6 +11,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from rewards.object_state import ObjectState
+
 FloatArray = NDArray[np.float32]
 
 # What a reward may ask for, and the field of the batch that answers.
@@ -23,6 +25,7 @@ NEED_FIELDS = {
     "library_latents": "library_latents",
     "velocity": "velocity",
     "facing": "facing",
+    "objects": "objects",
     "past_features": "past_features",
 }
 
@@ -45,6 +48,7 @@ class RewardBatch:
         library_latents: the latents of the motion library that all rows share, shape (k, 64).
         velocity: horizontal velocity of the body in the world, m/s, shape (n, 2).
         facing: horizontal unit vector in which the body faces in the world, shape (n, 2).
+        objects: states of the objects beside the humanoids, by name, in the order of the scene.
         past_features: unit image features of the w steps before this one, oldest first, shape (n, w, d). At the start of
             an episode they are those of the state in which it starts. :class:`rewards.episodic.EpisodicReward` keeps them.
     """
@@ -58,6 +62,7 @@ class RewardBatch:
     library_latents: FloatArray | None = None
     velocity: FloatArray | None = None
     facing: FloatArray | None = None
+    objects: Mapping[str, ObjectState] | None = None
     past_features: FloatArray | None = None
 
     def __len__(self) -> int:
@@ -71,7 +76,9 @@ class RewardBatch:
         for item in fields(self):
             value = getattr(self, item.name)
             shared = item.name == "library_latents" or (item.name == "text_feature" and np.ndim(value) == 1)
-            if value is not None and not shared:
+            if isinstance(value, Mapping):
+                yield from ((f"{item.name}[{name!r}]", state.position) for name, state in value.items())
+            elif value is not None and not shared:
                 yield item.name, value
 
     def require(self, needs: frozenset[str]) -> None:
@@ -161,10 +168,14 @@ class TextFreeReward:
 
 # Heavy modules are named, not imported: `import rewards` must not load onnxruntime.
 _REWARDS: dict[str, str | Callable[..., RewardFn]] = {
+    "approach": "rewards.object_tasks:ApproachReward",
     "avgpool": "rewards.avgpool:AvgPoolReward",
     "clip": "rewards.clip:ClipReward",
     "clip-s": "rewards.clip_s:ClipScoreReward",
     "delta": "rewards.delta:DeltaReward",
+    "open": "rewards.object_tasks:OpenReward",
+    "sit": "rewards.object_tasks:SitReward",
+    "strike": "rewards.object_tasks:StrikeReward",
     "style": "rewards.style:StyleReward",
     "velocity": "rewards.velocity:VelocityReward",
     "vlm-rm": "rewards.vlm_rm:VlmRmReward",
@@ -215,6 +226,10 @@ def make_reward(reward: str | Mapping[str, float] | RewardFn, *, encoder: Any = 
         ValueError: no reward has this name; the message lists those that exist.
         TypeError: an argument that the reward does not have.
     """
+    if isinstance(reward, str) and reward not in _REWARDS and set(reward) & set("+*"):
+        from rewards.weighted_sum import parse_weights
+
+        reward = parse_weights(reward)
     if isinstance(reward, Mapping):
         from rewards.weighted_sum import WeightedSum
 
@@ -226,10 +241,6 @@ def make_reward(reward: str | Mapping[str, float] | RewardFn, *, encoder: Any = 
     if reward not in _REWARDS:
         raise ValueError(f"Unknown reward {reward!r}; the rewards that exist are: {', '.join(reward_names())}.")
     if encoder is not None and takes_argument(reward, "encoder"):
-    if isinstance(reward, str) and reward not in _REWARDS and set(reward) & set("+*"):
-        from rewards.weighted_sum import parse_weights
-
-        reward = parse_weights(reward)
         kwargs["encoder"] = encoder
     made: RewardFn = resolve(_REWARDS[reward])(**kwargs)
     return made

