@@ -59,7 +59,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
     - :meth:`compute_reward`: the reward of one controller step, by terms,
     - :meth:`has_ended`: who terminated,
     - :meth:`start_states`: states in which episodes start,
-    - :meth:`begin_episodes`, :meth:`begin_decision`: draw what an episode or a decision needs,
+    - :meth:`begin_episodes`, :meth:`begin_decision`, :meth:`end_decision`: draw what an episode or a decision needs,
     - :meth:`observations`, :meth:`make_observation_space`: what is observed,
     - :meth:`extra_info`: more entries of `info`.
 
@@ -250,8 +250,24 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
             ValueError: an option has a bad value.
         """
 
-    def begin_decision(self) -> None:
-        """Called before the controller steps of an action, to draw what they need."""
+    def begin_decision(self, commands: FloatArray, running: NDArray[np.bool_]) -> FloatArray:
+        """Called before the controller steps of an action, to draw what they need.
+
+        Args:
+            commands: the commands that the decoder made of the actions, ``(n, ...)``.
+            running: humanoids that act, ``(n,)``; the others wait for their reset.
+
+        Returns:
+            The commands that the decoder's `targets` get, ``(n, ...)``; here the same.
+        """
+        return commands
+
+    def end_decision(self, executed: NDArray[np.int64]) -> None:
+        """Called after the controller steps of an action, before `info` and the observation are made.
+
+        Args:
+            executed: controller steps that each humanoid executed, ``(n,)``.
+        """
 
     def extra_info(self) -> dict[str, NDArray[Any]]:
         """More entries of `info`, new arrays ``(n, ...)``; the same keys every time."""
@@ -404,7 +420,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
         executed = np.zeros(self.num_envs, np.int64)
         sums: dict[str, NDArray[np.float64]] = {}
         records: list[tuple[FloatArray, NDArray[np.float64], FloatArray]] = []
-        self.begin_decision()
+        commands = self.begin_decision(commands, running)
         for _ in range(decoder.controller_steps):
             targets = decoder.targets(self.proprioception, commands)
             broken = self.simulation.step(targets, None if running.all() else running) & running
@@ -425,6 +441,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
                 records.append((self.proprioception, self.simulation.poses.copy(), self.object_vectors))
             if self._viewer is not None:
                 self._viewer.show(self.simulation.poses[0])
+        self.end_decision(executed)
         self._reward_keys = tuple(sums)
         info: dict[str, NDArray[Any]] = self._state_info()
         info |= {key: value / np.maximum(executed, 1) for key, value in sums.items()}
