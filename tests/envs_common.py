@@ -10,6 +10,10 @@ import gymnasium as gym
 import numpy as np
 
 import anyskill_envs  # noqa: F401  (registers the environments)
+from anyskill_envs.controller import ENCODER_FILE
+from motion_data.clip import MotionClip
+from motion_data.retrieval import MotionDatabase
+from motion_data.skeleton import joint_index, rest_qpos
 from rewards import encoder_names, register_encoder
 
 IDS = sorted(id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("anyskill_envs."))
@@ -26,7 +30,30 @@ def arguments(environment_id: str, controller: Path) -> dict[str, Any]:
         return {"num_threads": 1}
     if environment_id == "HumanoidLatent-v0":
         return {"num_threads": 1, "controller": str(controller)}
+    if environment_id == "RetrievalLocomotion-v0":
+        file = controller.parent / "walk.npz"
+        if not file.is_file():
+            MotionDatabase.from_clips([walk_clip()]).save(file)
+        return {
+            "num_threads": 1,
+            "controller": str(controller),
+            "motion_encoder": str(ENCODER_FILE),
+            "databases": {"walk": str(file)},
+        }
     return {"num_threads": 1, "controller": str(controller), "encoder": "small"}
+
+
+def walk_clip(name: str = "glide", speed: float = 1.0, turn: float = 0.3, frames: int = 90) -> MotionClip:
+    """Feet that swing under a pelvis on its way along an arc: speed in m/s, turn in rad/s."""
+    time = np.arange(frames) / 30
+    yaw = turn * time
+    qpos = np.tile(rest_qpos(), (frames, 1))
+    qpos[:, 0] = np.cumsum(speed * np.cos(yaw)) / 30
+    qpos[:, 1] = np.cumsum(speed * np.sin(yaw)) / 30
+    qpos[:, 3], qpos[:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
+    for joint, sign in (("right_hip_y", 1), ("left_hip_y", -1), ("right_shoulder_y", -1), ("left_shoulder_y", 1)):
+        qpos[:, 7 + joint_index(joint)] = sign * 0.4 * np.sin(2 * np.pi * time)
+    return MotionClip(name, qpos)
 
 
 @contextmanager
