@@ -27,8 +27,8 @@ _PELVIS_VELOCITY = slice(
 class HumanoidReward(EpisodicReward):
     """Rewards humanoids step by step for their states, drawing pictures only for a reward that needs them.
 
-    All that it computes follows from proprioception, pose, latents and states of objects, which `record_controller_steps=True` puts into
-    `info`: so the same object recomputes rewards on stored rollouts.
+    All that it computes follows from proprioception, poses, latents and states of objects, which
+    `record_controller_steps=True` puts into `info`: so the same object recomputes rewards on stored rollouts.
 
     Args:
         reward: the reward.

@@ -50,7 +50,9 @@ class HumanoidViewer:
         self._next_frame = 0.0
 
     def show(self, qpos: NDArray[np.float64]) -> None:
-        """Show a pose of the scene, ``(pose_size,)``; waits so that poses follow each other in real time. Nothing once the window is closed.
+        """Show a pose of the scene, ``(pose_size,)``; nothing once the window is closed.
+
+        Waits, so that poses follow each other in real time.
 
         Raises:
             RenderingError: the window does not open.

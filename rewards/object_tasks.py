@@ -76,7 +76,9 @@ class ApproachReward(ObjectReward):
 
 
 class StrikeReward(ObjectReward):
-    """Walking to an object and getting it to move, as in kicking a ball or striking a pillar::
+    """Walking to an object and getting it to move, as in kicking a ball or striking a pillar.
+
+    The formula::
 
         r = 0.3 nearing + 0.7 min(s / speed, 1)
 
@@ -101,7 +103,9 @@ class StrikeReward(ObjectReward):
 
 
 class OpenReward(ObjectReward):
-    """Walking to a door and turning it on its hinge::
+    """Walking to a door and turning it on its hinge.
+
+    The formula::
 
         r = 0.3 nearing + 0.7 min(max(a, 0) / angle, 1)
 
@@ -131,7 +135,9 @@ class OpenReward(ObjectReward):
 
 
 class SitReward(ObjectReward):
-    """Bringing the pelvis onto a seat and resting there::
+    """Bringing the pelvis onto a seat and resting there.
+
+    The formula::
 
         r = 0.7 exp(-10 |x - c|^2) + 0.3 exp(-2 |v|^2) near
 

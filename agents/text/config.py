@@ -14,7 +14,7 @@ import tyro
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Learn a skill from a sentence: PPO of Stable-Baselines3 on HumanoidText-v0.
+    """Learn a skill from a sentence: PPO of Stable-Baselines3 on HumanoidText-v0, or on an environment with an object.
 
     The defaults are chosen for two CPU cores. The run folder then holds policy.zip (Stable-Baselines3), policy.onnx,
     video.mp4, curve.png, rollouts.npz (the evaluation episodes), report.json and TensorBoard events.
@@ -22,6 +22,13 @@ class TrainConfig:
 
     text: tyro.conf.Positional[str]
     """What the humanoid shall do, e.g. "raise both arms above the head"."""
+
+    env: str = "HumanoidText-v0"
+    """Environment: HumanoidText-v0, or one with an object: HumanoidSoccer-v0, HumanoidDoor-v0, HumanoidChair-v0,
+    HumanoidPillar-v0."""
+
+    blind: bool = False
+    """The policy does not observe the objects, as in AnySkill."""
 
     output: Path | None = None
     """Run folder; runs/<the text> by default."""

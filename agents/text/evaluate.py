@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.text.checks import Trajectory, fell, find_check
-from motion_data.skeleton import FRAME_RATE, forward_kinematics
+from agents.text.object_checks import find_object_check
+from anyskill_envs.objects.scene import Scene
+from motion_data.skeleton import FRAME_RATE, QPOS_SIZE, forward_kinematics
 
 EPISODE_DECISIONS = 60
 """Decisions (1/6 s) of an episode of 10 s, as registered."""
@@ -26,7 +28,7 @@ class Episode:
     """One episode of 10 s, or less if it terminated.
 
     Attributes:
-        qpos: Poses at 30 Hz, `(T, 35)`.
+        qpos: Poses at 30 Hz, `(T, 35)`; in a scene with objects its poses, of which these are the first numbers.
         observations: Proprioception at 30 Hz, `(T, 223)`.
         similarity: Mean similarity of text and motion.
         reward: Mean reward per decision over the whole episode; decisions after a termination count 0.
@@ -42,15 +44,39 @@ class Episode:
     success: bool | None
 
 
-def judge(qpos: NDArray[np.float64], terminated: bool, text: str) -> tuple[bool, bool | None]:
-    """Whether the humanoid fell, and whether it did what the text says (None for a text without a check)."""
-    trajectory = Trajectory(*forward_kinematics(qpos))
+def judge(
+    qpos: NDArray[np.float64], terminated: bool, text: str, scene: Scene | None = None
+) -> tuple[bool, bool | None]:
+    """Whether the humanoid fell, and whether it did what the text says (None for a text without a check).
+
+    Args:
+        qpos: Poses `(T, 35)`, or those of the scene.
+        terminated: Whether the episode ended by termination.
+        text: The text.
+        scene: The objects beside the humanoid, if any.
+    """
+    trajectory = Trajectory(*forward_kinematics(qpos[:, :QPOS_SIZE]))
     has_fallen = terminated or fell(trajectory)
+    object_check = None if scene is None else find_object_check(text, scene)
+    if object_check is not None:
+        return has_fallen, object_check(qpos) and not has_fallen
     check = find_check(text)
     return has_fallen, None if check is None else check(trajectory) and not has_fallen
 
 
-def run_episodes(policy: Policy, text: str, episodes: int, seed: int, **options: Any) -> list[Episode]:
+def scene_of(environment: str) -> Scene:
+    """The scene of a registered environment, as its registration names the objects."""
+    return Scene.of(gym.spec(environment).kwargs.get("objects", ()))
+
+
+def run_episodes(
+    policy: Policy,
+    text: str,
+    episodes: int,
+    seed: int,
+    environment: str = "anyskill_envs:HumanoidText-v0",
+    **options: Any,
+) -> list[Episode]:
     """Runs episodes from slightly different standing poses, all at once.
 
     Args:
@@ -58,14 +84,14 @@ def run_episodes(policy: Policy, text: str, episodes: int, seed: int, **options:
         text: The text of the environment.
         episodes: How many.
         seed: Seed of the environment.
-        **options: Further arguments of HumanoidText-v0.
+        environment: Id of the environment.
+        **options: Further arguments of the environment.
 
     Returns:
         The episodes.
     """
-    env = gym.make_vec(
-        "anyskill_envs:HumanoidText-v0", num_envs=episodes, text=text, record_controller_steps=True, **options
-    )
+    env = gym.make_vec(environment, num_envs=episodes, text=text, record_controller_steps=True, **options)
+    scene: Scene = env.unwrapped.scene  # type: ignore[attr-defined]
     observation, _ = env.reset(seed=seed)
     frames: list[list[NDArray[np.float64]]] = [[] for _ in range(episodes)]
     seen: list[list[NDArray[np.float32]]] = [[] for _ in range(episodes)]
@@ -92,7 +118,7 @@ def run_episodes(policy: Policy, text: str, episodes: int, seed: int, **options:
     results = []
     for index in range(episodes):
         qpos = np.concatenate(frames[index])
-        has_fallen, success = judge(qpos, bool(fallen[index]), text)
+        has_fallen, success = judge(qpos, bool(fallen[index]), text, scene)
         results.append(
             Episode(
                 qpos=qpos,
@@ -146,9 +172,9 @@ def load_rollouts(path: Path) -> list[Episode]:
     return [Episode(*row) for row in rows]
 
 
-def summarise(episodes: list[Episode], text: str) -> dict[str, Any]:
+def summarise(episodes: list[Episode], text: str, scene: Scene | None = None) -> dict[str, Any]:
     """Rates and means of some episodes, as JSON values; `success_rate` is None for a text without a check."""
-    check = find_check(text)
+    check = (scene and find_object_check(text, scene)) or find_check(text)
     successes = [episode.success for episode in episodes if episode.success is not None]
     return {
         "episodes": len(episodes),

@@ -93,6 +93,7 @@ class OnnxPolicy:
 
     Args:
         path: The file.
+        observation_size: Numbers that the environment observes, without the time.
 
     Attributes:
         contract: The metadata of the file.
@@ -102,7 +103,7 @@ class OnnxPolicy:
         ValueError: The file is no policy of this project, or one for another observation.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, observation_size: int = OBSERVATION_SIZE) -> None:
         import onnxruntime
 
         if not path.is_file():
@@ -116,10 +117,10 @@ class OnnxPolicy:
         self.contract: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         if self.contract.get("kind") != KIND:
             raise ValueError(f"'{path}' is an ONNX file, but no text policy of this project.")
-        if self.contract["observation_size"] != str(OBSERVATION_SIZE + CLOCK_SIZE):
+        if self.contract["observation_size"] != str(observation_size + CLOCK_SIZE):
             raise ValueError(
                 f"'{path}' takes {self.contract['observation_size']} observation numbers, this version of the "
-                f"environment and its clock give {OBSERVATION_SIZE + CLOCK_SIZE}; train the policy again."
+                f"environment and its clock give {observation_size + CLOCK_SIZE}; train the policy again."
             )
 
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -142,7 +143,8 @@ def parity_error(model: PPO, path: Path, observations: NDArray[np.float32]) -> f
         RuntimeError: It is larger than 1e-5, so the file must not be used.
     """
     expected, _ = model.predict(observations, deterministic=True)
-    error = float(np.abs(OnnxPolicy(path)(observations) - expected).max())
+    policy = OnnxPolicy(path, observations.shape[1] - CLOCK_SIZE)
+    error = float(np.abs(policy(observations) - expected).max())
     if not error <= PARITY_TOLERANCE:
         raise RuntimeError(
             f"The exported policy '{path}' differs from Stable-Baselines3's by {error:.2g}, more than "

@@ -39,7 +39,11 @@ def play(
         ValueError: The video's name does not end in .mp4, or episodes is not positive.
         RenderingError: This machine has no screen, or cannot draw.
     """
+    from agents.text.evaluate import scene_of
     from agents.text.export import OnnxPolicy
+    from agents.text.train import environment_id
+    from anyskill_envs.objects.state import observation_bounds
+    from anyskill_envs.observation import OBSERVATION_SIZE
 
     folder = RunFolder.existing(run)
     if video is not None and video.suffix.lower() != ".mp4":
@@ -47,7 +51,9 @@ def play(
     if episodes < 1:
         raise ValueError(f"episodes must be 1 or more, got {episodes}.")
     config = TrainConfig.from_json(json.loads(folder.config.read_text(encoding="utf-8")))
-    policy = OnnxPolicy(folder.onnx)
+    scene = scene_of(environment_id(config))
+    observed = 0 if config.blind or not scene else len(observation_bounds(scene))
+    policy = OnnxPolicy(folder.onnx, OBSERVATION_SIZE + observed)
     if video is None:
         _show(config, policy, episodes, seed)
         return 0
@@ -58,10 +64,11 @@ def play(
     from agents.text.train import environment_options
     from agents.text.video import write_video
 
-    recorded = run_episodes(ClockedPolicy(policy), config.text, episodes, seed, **environment_options(config))
+    options = environment_options(config)
+    recorded = run_episodes(ClockedPolicy(policy), config.text, episodes, seed, environment_id(config), **options)
     qpos = np.concatenate([episode.qpos for episode in recorded])
     video.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(video, lambda path: write_video(path, qpos, [config.text]))
+    write_whole(video, lambda path: write_video(path, qpos, [config.text], scene))
     print(f"Wrote {video}: {len(recorded)} episode(s) of {config.text!r}.")
     return 0
 
@@ -70,9 +77,9 @@ def _show(config: TrainConfig, policy: OnnxPolicy, episodes: int, seed: int) -> 
     import gymnasium as gym
 
     from agents.text.clock import ClockedPolicy
-    from agents.text.train import ENVIRONMENT, environment_options
+    from agents.text.train import environment_id, environment_options
 
-    env = gym.make(ENVIRONMENT, text=config.text, render_mode="human", **environment_options(config))
+    env = gym.make(environment_id(config), text=config.text, render_mode="human", **environment_options(config))
     for episode in range(episodes):
         observation, _ = env.reset(seed=seed + episode)
         act = ClockedPolicy(policy)

@@ -1,4 +1,4 @@
-"""The main job: stock PPO of Stable-Baselines3 learns one text on HumanoidText-v0; the run folder tells how it went."""
+"""The main job: stock PPO of Stable-Baselines3 learns one text on a text environment; the run folder tells how it went."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from agents.progress import ProgressDisplay
     from agents.text.evaluate import Episode
 
-ENVIRONMENT = "anyskill_envs:HumanoidText-v0"
 SEARCH_SHARE = 0.2
 """Share of the training time after which the search begins no new round."""
 _UNLIMITED_STEPS = 10**12
@@ -51,6 +50,7 @@ def train(config: TrainOptions) -> int:
         import stable_baselines3  # noqa: F401
     except ImportError as error:
         raise ImportError(f'Training needs {error.name}: pip install "anyskill-envs[train]".') from error
+    environment_id(config)  # a wrong name is told before the folder is touched
     folder = RunFolder(config.output or Path("runs") / slug(config.text))
     folder.prepare(config.resume, config.overwrite)
     if config.resume:
@@ -77,10 +77,29 @@ def _resumed(config: TrainConfig, folder: RunFolder) -> TrainConfig:
     return dataclasses.replace(saved, **changes)
 
 
+def environment_id(config: TrainConfig) -> str:
+    """The environment of a run, for `gym.make`.
+
+    Raises:
+        ValueError: There is no such environment.
+    """
+    import gymnasium as gym
+
+    import anyskill_envs  # noqa: F401  (registers the environments)
+
+    if config.env not in gym.registry:
+        known = [name for name, spec in gym.registry.items() if str(spec.entry_point).startswith("anyskill_envs.text:")]
+        raise ValueError(
+            f"There is no environment {config.env!r}; those that learn from a text are: {', '.join(known)}."
+        )
+    return f"anyskill_envs:{config.env}"
+
+
 def environment_options(config: TrainConfig) -> dict[str, Any]:
-    """Arguments of HumanoidText-v0 that a run's options stand for."""
+    """Arguments of the environment that a run's options stand for."""
     controller = None if config.controller is None else str(config.controller)
-    return {"reward": config.reward, "encoder": config.encoder, "controller": controller}
+    options: dict[str, Any] = {"reward": config.reward, "encoder": config.encoder, "controller": controller}
+    return options | ({"object_observation": False} if config.blind else {})
 
 
 def make_environment(config: TrainConfig, num_envs: int) -> VecEnv:
@@ -88,7 +107,8 @@ def make_environment(config: TrainConfig, num_envs: int) -> VecEnv:
     from agents.sb3 import make_sb3_env
     from agents.text.shaping import EpisodeClock, ShapedReward
 
-    env = make_sb3_env(ENVIRONMENT, num_envs, monitor=False, text=config.text, **environment_options(config))
+    options = environment_options(config)
+    env = make_sb3_env(environment_id(config), num_envs, monitor=False, text=config.text, **options)
     return ShapedReward(EpisodeClock(env), config.alive_bonus, config.reward_scale)
 
 
@@ -121,7 +141,8 @@ def search_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
 
     from agents.text.warm_start import warm_start
 
-    env = gym.make_vec(ENVIRONMENT, num_envs=config.num_envs, text=config.text, **environment_options(config))
+    options = environment_options(config)
+    env = gym.make_vec(environment_id(config), num_envs=config.num_envs, text=config.text, **options)
     controller = env.unwrapped.decoder.controller  # type: ignore[attr-defined]
     report = warm_start(
         model,
@@ -183,7 +204,7 @@ def _finish(
     """Evaluates, exports and writes the report."""
     from agents.doctor import cpu_count
     from agents.text.clock import ClockedPolicy
-    from agents.text.evaluate import run_episodes, save_rollouts, summarise
+    from agents.text.evaluate import run_episodes, save_rollouts, scene_of, summarise
     from agents.text.export import export_policy, file_hash, parity_error
     from agents.text.report import plot_curve, similarity_ends, versions
     from anyskill_envs.simulation import CONTROLLER_STEPS
@@ -202,13 +223,15 @@ def _finish(
         config.text,
         config.evaluation_episodes,
         evaluation_seed,
+        environment_id(config),
         **environment_options(config),
     )
     write_whole(folder.rollouts, lambda path: save_rollouts(path, episodes))
-    evaluation = summarise(episodes, config.text) | {"seed": evaluation_seed}
+    evaluation = summarise(episodes, config.text, scene_of(config.env)) | {"seed": evaluation_seed}
 
     contract = {
         "text": config.text,
+        "environment": config.env,
         "reward": config.reward,
         "training_decisions": str(model.num_timesteps),
         "controller_sha256": file_hash(controller_file(config)),
@@ -251,12 +274,13 @@ def controller_file(config: TrainConfig) -> Path:
 
 def _film(config: TrainConfig, folder: RunFolder, episode: Episode, display: ProgressDisplay) -> str:
     """Writes the video of the first evaluation episode; a machine that cannot draw must not lose the run for it."""
+    from agents.text.evaluate import scene_of
     from agents.text.video import write_video
     from anyskill_envs.rendering import RenderingError
 
     display.show(60.0 * config.minutes, "writing the video")
     try:
-        write_whole(folder.video, lambda path: write_video(path, episode.qpos, [config.text]))
+        write_whole(folder.video, lambda path: write_video(path, episode.qpos, [config.text], scene_of(config.env)))
     except (ImportError, RenderingError) as error:
         print(f"No video: {error}", file=sys.stderr)
         return f"not written: {error}"

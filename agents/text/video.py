@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from anyskill_envs.rendering import Camera, HumanoidRenderer
+from anyskill_envs.objects.scene import Scene
+from anyskill_envs.rendering import SCENE_CAMERA, Camera, HumanoidRenderer
 from motion_data.skeleton import FRAME_RATE
 
 WIDTH, HEIGHT = 854, 480
 CAPTION_SIZE = 22
 # Half from the front, from a little above: both arms, both legs and the way on the floor can be seen.
 CAMERA = Camera(position=(2.35, -1.5, 1.3), follow="position", look_at_height=1.0)
+SCENE_CAMERA_STEADY = dataclasses.replace(SCENE_CAMERA, follow="position")
+"""The camera for objects, without its turning with the humanoid."""
 
 
 def caption_strip(lines: Sequence[str], width: int) -> NDArray[np.uint8]:
@@ -30,14 +34,19 @@ def caption_strip(lines: Sequence[str], width: int) -> NDArray[np.uint8]:
 
 
 def write_video(
-    path: Path, qpos: NDArray[np.float64], caption: Sequence[str], frames_per_second: float = FRAME_RATE
+    path: Path,
+    qpos: NDArray[np.float64],
+    caption: Sequence[str],
+    scene: Scene | None = None,
+    frames_per_second: float = FRAME_RATE,
 ) -> None:
     """Writes an H.264 video of 854 x 480.
 
     Args:
         path: The file, ending in .mp4.
-        qpos: Poses, `(T, 35)`.
+        qpos: Poses, `(T, 35)`, or those of the scene.
         caption: Lines of text below the humanoid.
+        scene: The objects beside it; none if None.
         frames_per_second: Rate of the poses.
 
     Raises:
@@ -50,14 +59,15 @@ def write_video(
         strip = caption_strip(caption, WIDTH)
     except ImportError as error:
         raise ImportError(f'Videos need {error.name}: pip install "anyskill-envs[video]".') from error
-    renderer = HumanoidRenderer(WIDTH, HEIGHT - len(strip), "video")
+    renderer = HumanoidRenderer(WIDTH, HEIGHT - len(strip), "video", scene=scene)
+    camera = SCENE_CAMERA_STEADY if scene else CAMERA
     writer = imageio_ffmpeg.write_frames(
         str(path), (WIDTH, HEIGHT), fps=frames_per_second, macro_block_size=2, quality=7, ffmpeg_log_level="error"
     )
     writer.send(None)  # starts ffmpeg
     try:
         for pose in qpos:
-            picture = np.concatenate([renderer.render(pose, CAMERA), strip])
+            picture = np.concatenate([renderer.render(pose, camera), strip])
             writer.send(np.ascontiguousarray(picture))
     finally:
         writer.close()

@@ -51,6 +51,11 @@ class Placement:
         if self.distance[0] < 0:
             raise ValueError(f"Placement.distance must be a range from 0 m on, not {self.distance}.")
 
+    @property
+    def ranges(self) -> tuple[Range, Range, Range]:
+        """Distance, bearing and yaw."""
+        return self.distance, self.bearing, self.yaw
+
     def changed(self, changes: Mapping[str, Any]) -> Placement:
         """A placement with other values for some of the ranges.
 

@@ -118,8 +118,7 @@ class Scene:
         """The humanoid standing at the origin, each object in the middle of its ranges."""
         pose = self._unplaced(self.model.qpos0[None, :QPOS_SIZE])
         for part in self.parts.values():
-            ranges = part.item.placement
-            middle = [np.full(1, np.mean(getattr(ranges, key))) for key in ("distance", "bearing", "yaw")]
+            middle = [np.full(1, 0.5 * (low + high)) for low, high in part.item.placement.ranges]
             pose[:, part.pose] = self._at(part, pose[:, :QPOS_SIZE], *middle)
         return pose[0]
 
@@ -175,9 +174,7 @@ class Scene:
         for name, part in self.parts.items():
             rows = np.arange(count)
             for _ in range(_TRIES):
-                drawn = [
-                    rng.uniform(*getattr(placements[name], key), len(rows)) for key in ("distance", "bearing", "yaw")
-                ]
+                drawn = [rng.uniform(low, high, len(rows)) for low, high in placements[name].ranges]
                 poses[rows, part.pose] = self._at(part, qpos[rows], *drawn)
                 rows = rows[self._taken(poses[rows], part, placed)]
                 if not len(rows):
