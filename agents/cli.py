@@ -32,6 +32,7 @@ class Command:
 COMMANDS: dict[str, Command] = {
     "train": Command("learn a skill from a sentence", "agents.text.train:train"),
     "play": Command("watch a trained skill, or write a video of it", "agents.text.play:play"),
+    "ablate": Command("compare rewards: train each on the same texts, and report", "agents.ablation.command:ablate"),
     "motions": Command(
         "list the motion clips, draw one, or import your own",
         subcommands={
@@ -50,6 +51,14 @@ COMMANDS: dict[str, Command] = {
         },
     ),
     "encoder": Command("train the bundled text and image encoder", subcommands={"train": "agents.encoder.train:train"}),
+    "texts": Command(
+        "make instructions of captions: filter, score, rewrite",
+        subcommands={
+            "filter": "agents.texts.commands:filter_texts",
+            "score": "agents.texts.commands:score_texts",
+            "rewrite": "agents.texts.commands:rewrite_texts",
+        },
+    ),
     "doctor": Command("say what this machine can do", "agents.doctor:doctor"),
 }
 

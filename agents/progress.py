@@ -49,8 +49,11 @@ class ProgressDisplay:
     ) -> None:
         self._bar.stop()
 
-    def show(self, seconds: float, stage: str, note: str = "") -> None:
-        """Shows that `seconds` of the total are over."""
+    def show(self, seconds: float, stage: str, note: str = "", total: float | None = None) -> None:
+        """Shows that `seconds` of the total are over; a new total replaces one that was an estimate."""
+        if total is not None:
+            self._total = max(total, 1e-9)
+            self._bar.update(self._task, total=self._total)
         seconds = min(seconds, self._total)
         minutes, rest = divmod(round(self._total - seconds), 60)
         left = f"{minutes}:{rest:02d}"

@@ -1,0 +1,107 @@
+"""The encoder that judges what the runs learned: best one that no reward has seen."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anyskill_envs.rendering import Camera, HumanoidRenderer
+from motion_data.metrics import clip_similarity
+from rewards import Encoder, load_encoder
+from rewards.bundled import WEIGHTS_FOLDER
+
+EVALUATOR_FOLDER = WEIGHTS_FOLDER / "evaluator"
+"""Files of the bundled evaluator, which are those of a bundled encoder trained apart from that of the rewards."""
+
+FRAME_STRIDE = 4
+"""Every fourth frame is judged, 0.13 s apart, as in the films that the bundled image tower reads."""
+_FILM_FRAMES = 4
+
+
+@dataclass(frozen=True)
+class Evaluator:
+    """Measures CLIP_S of motions.
+
+    Attributes:
+        encoder: What compares text and motion.
+        name: What it is called in the report.
+        note: One sentence on whose judgement this is.
+        pictures: Whether it looks at rendered pictures; else at states.
+        independent: Whether no run was rewarded by it.
+    """
+
+    encoder: Encoder
+    name: str
+    note: str
+    pictures: bool
+    independent: bool
+
+    @property
+    def digest(self) -> str:
+        """Tells this judgement from that of any other encoder."""
+        probe = self.encoder.encode_text(["raise both arms above the head", "squat down"])
+        return hashlib.sha256(np.round(probe, 4).tobytes()).hexdigest()[:16] + ("-pictures" if self.pictures else "")
+
+    def scores(self, motions: Sequence[tuple[NDArray[np.float64], NDArray[np.float32]]], text: str) -> list[float]:
+        """CLIP_S of motions, given as poses `(T, 35)` and observations `(T, 223)`.
+
+        Raises:
+            RenderingError: It looks at pictures, and none can be drawn on this machine.
+        """
+        wanted = self.encoder.encode_text([text])[0]
+        if not self.pictures:
+            return [
+                float(clip_similarity(self.encoder.encode_state(seen[::FRAME_STRIDE]), wanted)) for _, seen in motions
+            ]
+        renderer = HumanoidRenderer()
+        try:
+            return [float(clip_similarity(self._filmed(renderer, qpos), wanted)) for qpos, _ in motions]
+        finally:
+            renderer.close()
+
+    def _filmed(self, renderer: HumanoidRenderer, qpos: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Features of films of 0.4 s, one ending at each rendered frame."""
+        pictures = np.stack([renderer.render(pose, Camera()) for pose in qpos[::FRAME_STRIDE]])
+        ends = np.arange(len(pictures))[:, None]
+        return self.encoder.encode_image(pictures[np.maximum(ends - np.arange(_FILM_FRAMES)[::-1], 0)])
+
+
+def choose_evaluator(name: str | None, reward_encoder: str, pictures: bool = False) -> Evaluator:
+    """The encoder that judges.
+
+    Args:
+        name: Name of an encoder, or a folder: that of a transformers model, or with the files of a bundled encoder. None
+            takes the bundled evaluator if its files are there, else the encoder of the rewards.
+        reward_encoder: Name of the encoder of the rewards.
+        pictures: Look at pictures although it has a state projection.
+
+    Raises:
+        ValueError: There is no such encoder.
+    """
+    if name is None and (EVALUATOR_FOLDER / "text_head.onnx").is_file():
+        name = str(EVALUATOR_FOLDER)
+    independent = name is not None and name != reward_encoder
+    if name is None or not independent:
+        encoder, name = load_encoder(reward_encoder), reward_encoder
+        note = (
+            f"CLIP_S is measured by the encoder of the rewards, “{name}”, for want of an independent evaluator: it favours "
+            "rewards that climb this very similarity, and cannot tell a skill from a trick."
+        )
+    else:
+        encoder = _load(name)
+        note = f"CLIP_S is measured by “{Path(name).name}”, which no run was rewarded by."
+    pictures = pictures or not getattr(encoder, "has_state_projection", True)
+    return Evaluator(encoder, Path(name).name, note, pictures, independent)
+
+
+def _load(name: str) -> Encoder:
+    if (Path(name) / "state_projection.onnx").is_file():
+        from rewards.bundled import BundledEncoder
+
+        return BundledEncoder(name)
+    return load_encoder(name)
