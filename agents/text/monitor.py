@@ -102,6 +102,9 @@ class TrainingMonitor(BaseCallback):
         progress: Progress of the run so far, with "seconds" and "history"; further entries are kept.
     """
 
+    section = "text"
+    """Section of TensorBoard."""
+
     def __init__(self, folder: RunFolder, display: ProgressDisplay, budget: float, progress: dict[str, Any]) -> None:
         super().__init__()
         self.progress = progress
@@ -138,17 +141,24 @@ class TrainingMonitor(BaseCallback):
         assert isinstance(model, PPO)
         model.lr_schedule = self._usual_schedule
 
-    def _on_step(self) -> bool:
-        infos: list[dict[str, Any]] = self.locals["infos"]
-        self._count += len(infos)
-        self._new_decisions += len(infos)
-        sums = {
+    def sums_of(self, infos: list[dict[str, Any]]) -> dict[str, float]:
+        """What the history holds the means of: sums over the infos of one step of all humanoids."""
+        return {
             # the environment's own reward, without the bonus
             "reward": sum(value for info in infos for name, value in info.items() if name.startswith("reward_")),
             "similarity": float(np.sum([info.get("similarity", 0.0) for info in infos])),
             "lying": float(np.sum([info["head_height"] < FALL_HEAD_HEIGHT for info in infos])),
         }
-        for name, value in sums.items():
+
+    def headline(self, entry: dict[str, float]) -> str:
+        """What the progress bar says about an entry of the history."""
+        return f"similarity {entry['similarity']:.3f}"
+
+    def _on_step(self) -> bool:
+        infos: list[dict[str, Any]] = self.locals["infos"]
+        self._count += len(infos)
+        self._new_decisions += len(infos)
+        for name, value in self.sums_of(infos).items():
             self._sums[name] = self._sums.get(name, 0.0) + value
         for info, done in zip(infos, self.locals["dones"], strict=True):
             if done:
@@ -166,10 +176,10 @@ class TrainingMonitor(BaseCallback):
         self.progress["history"].append(history_entry)
         for name, value in history_entry.items():
             if value is not None and name not in ("seconds", "decisions"):
-                self.logger.record(f"text/{name}", value)
+                self.logger.record(f"{self.section}/{name}", value)
         speed = self.controller_steps_per_second
-        self.logger.record("text/controller_steps_per_second", speed)
-        note = f"similarity {entry['similarity']:.3f}, {speed:,.0f} controller steps/s"
+        self.logger.record(f"{self.section}/controller_steps_per_second", speed)
+        note = f"{self.headline(entry)}, {speed:,.0f} controller steps/s"
         self._display.show(self.seconds, "learning", note)
         self._sums, self._count, self._ended, self._fallen = {}, 0, 0, 0
 

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 _PACKAGES = ("anyskill-envs", "gymnasium", "mujoco", "numpy", "onnxruntime", "stable-baselines3", "torch")
+
+PANELS = (
+    ("similarity", "similarity of text and motion", "#1b6ca8"),
+    ("reward", "reward per decision", "#5a8f29"),
+    ("falls", "episodes ended by a fall", "#c0392b"),
+)
+"""Key in the history, title and colour of what is drawn."""
 
 
 def versions() -> dict[str, str]:
@@ -35,13 +43,16 @@ def _smooth(values: list[float], width: int) -> np.ndarray:
     return np.divide(sums, counts, out=np.full(len(array), np.nan), where=counts > 0)
 
 
-def plot_curve(path: Path, history: list[dict[str, Any]], title: str) -> None:
-    """Draws similarity, reward and falls over minutes of training.
+def plot_curve(
+    path: Path, history: list[dict[str, Any]], title: str, panels: Sequence[tuple[str, str, str]] = PANELS
+) -> None:
+    """Draws similarity, reward and falls, or other measures, over minutes of training.
 
     Args:
         path: The picture, ending in .png.
         history: Entries of `agents.text.monitor.TrainingMonitor`.
         title: Title of the picture.
+        panels: Key in the history, title and colour of each panel.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -50,12 +61,7 @@ def plot_curve(path: Path, history: list[dict[str, Any]], title: str) -> None:
     FigureCanvasAgg(figure)
     minutes = [entry["seconds"] / 60 for entry in history]
     width = max(1, len(history) // 50)
-    panels = [
-        ("similarity", "similarity of text and motion", "#1b6ca8"),
-        ("reward", "reward per decision", "#5a8f29"),
-        ("falls", "episodes ended by a fall", "#c0392b"),
-    ]
-    for axes, (key, label, colour) in zip(figure.subplots(1, 3), panels, strict=True):
+    for axes, (key, label, colour) in zip(figure.subplots(1, len(panels)), panels, strict=True):
         values = [entry[key] for entry in history]
         axes.plot(minutes, np.array(values, float), color=colour, alpha=0.25, linewidth=1)
         axes.plot(minutes, _smooth(values, width), color=colour, linewidth=2)
