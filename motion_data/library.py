@@ -12,12 +12,14 @@ import numpy as np
 from motion_data.authored import authored_clips
 from motion_data.clip import MotionClip, swap_sides
 from motion_data.deepmimic import pybullet_clips
+from motion_data.gait import gait_clips
 from motion_data.skeleton import kinematics
 
 _LOG = logging.getLogger(__name__)
 
 # A clip whose mirror image differs by less from one of the library's own clips (radians, mean) needs no twin.
 _SYMMETRY_TOLERANCE = 0.02
+_EVEN_TOLERANCE = 0.001  # the same for a gait whose two steps are alike; captured steps never are
 
 
 def imports_folder() -> Path:
@@ -99,7 +101,7 @@ class MotionLibrary:
 
     @classmethod
     def default(cls, mirrored: bool = True, imported: str | Path | None = None) -> "MotionLibrary":
-        """The project's library: mocap clips of the ``pybullet`` package, authored clips, mirror images, imports.
+        """The project's library: mocap of the ``pybullet`` package, authored clips, gaits, mirror images, imports.
 
         Args:
             mirrored: Add the mirror image of every clip that has no mirror image in the library yet.
@@ -110,7 +112,7 @@ class MotionLibrary:
         except ModuleNotFoundError as error:
             _LOG.warning("The library has no mocap clips: %s", error)
             clips = []
-        clips += authored_clips()
+        clips += authored_clips() + gait_clips()
         folder = imports_folder() if imported is None else Path(imported)
         clips += [MotionClip.load(path) for path in sorted(folder.glob("*.npz"))]
         if mirrored:
@@ -130,7 +132,7 @@ def mirror_name(name: str) -> str:
 
 
 def missing_mirrors(clips: Sequence[MotionClip]) -> list[MotionClip]:
-    """Mirror images of the clips that neither are symmetric nor have a twin."""
+    """Mirror images of the clips that neither are symmetric, also from step to step, nor have a twin."""
     names = {clip.name for clip in clips}
     missing = []
     for clip in clips:
@@ -138,6 +140,9 @@ def missing_mirrors(clips: Sequence[MotionClip]) -> list[MotionClip]:
         if twin != clip.name and twin in names:
             continue
         image = clip.mirrored()
-        if np.abs(image.qpos[:, 3:] - clip.qpos[:, 3:]).mean() > _SYMMETRY_TOLERANCE:
+        # The image of a planned gait is the same gait, half a stride later.
+        later = np.roll(clip.qpos[:-1], (len(clip) - 1) // 2, 0)
+        even = clip.loop and np.abs(image.qpos[:-1, 3:] - later[:, 3:]).mean() < _EVEN_TOLERANCE
+        if not even and np.abs(image.qpos[:, 3:] - clip.qpos[:, 3:]).mean() > _SYMMETRY_TOLERANCE:
             missing.append(image)
     return missing
