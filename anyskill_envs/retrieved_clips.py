@@ -127,10 +127,11 @@ class RetrievedClips:
         way = qpos[end, :2] - qpos[self._first, :2]
         return turned(way, self._turn) * (FRAME_RATE / CLIP_FRAMES)
 
-    def pose(self, index: int) -> NDArray[np.float64]:
-        """The stitched pose that one humanoid's clip stands in, ``(35,)``."""
-        pose = self.databases.qpos[self.frames[index]].astype(np.float64)
-        pose[:2] = self.places[index]
+    def pose(self, index: int, age: int | None = None) -> NDArray[np.float64]:
+        """A stitched pose of one humanoid's clip, ``(35,)``: that in which it stands, or that of another age in frames."""
+        first = self._first[index]
+        pose = self.databases.qpos[first + (self.age[index] if age is None else age)].astype(np.float64)
+        pose[:2] = self._place[index] + turned(pose[:2] - self.databases.qpos[first, :2], self._turn[index])
         w, x, y, z = pose[3:7]
         cosine, sine = np.cos(0.5 * self._turn[index]), np.sin(0.5 * self._turn[index])
         # the turn about the vertical axis comes after the clip's own rotation

@@ -12,7 +12,7 @@ from agents.doctor import Finding, _attempt, doctor
 TARGETS = {
     " ".join([name, subcommand]).strip(): target
     for name, command in cli.COMMANDS.items()
-    for subcommand, target in (command.subcommands or {"": command.target}).items()
+    for subcommand, target in (command.subcommands | ({"": command.target} if command.target else {})).items()
 }
 
 

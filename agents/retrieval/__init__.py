@@ -1,0 +1,1 @@
+"""Retrieval locomotion: training, evaluation and play of retrievers over the frozen controller."""
