@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from small_models import write_controller
 
 import anyskill_envs  # noqa: F401  (registers the environments)
 from anyskill_envs.controller import ENCODER_FILE
@@ -31,12 +32,15 @@ def arguments(environment_id: str, controller: Path) -> dict[str, Any]:
     if environment_id == "HumanoidLatent-v0":
         return {"num_threads": 1, "controller": str(controller)}
     if environment_id == "RetrievalLocomotion-v0":
-        file = controller.parent / "walk.npz"
+        folder = controller.parent / "retrieval"
+        file = folder / "walk.npz"
         if not file.is_file():
             MotionDatabase.from_clips([walk_clip()]).save(file)
+            # zero is no idle latent here: to stand for a whole episode takes a controller that does nothing else
+            write_controller(folder, swing=0)
         return {
             "num_threads": 1,
-            "controller": str(controller),
+            "controller": str(folder / controller.name),
             "motion_encoder": str(ENCODER_FILE),
             "databases": {"walk": str(file)},
         }

@@ -37,8 +37,15 @@ def database(controller) -> str:
 @pytest.fixture(scope="module")
 def run(controller, database, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "retrieval"
-    options = dict(databases=(f"walk={database}",), output=folder, controller=controller, progress=False)
-    small = dict(num_envs=4, decisions_per_update=4, batch_size=16, epochs=1, hidden=(16,), evaluation_episodes=2)
+    options = {"databases": (f"walk={database}",), "output": folder, "controller": controller, "progress": False}
+    small = {
+        "num_envs": 4,
+        "decisions_per_update": 4,
+        "batch_size": 16,
+        "epochs": 1,
+        "hidden": (16,),
+        "evaluation_episodes": 2,
+    }
     config = RetrievalConfig(minutes=0.01, **options, **small)
     assert train(config) == 0
     return folder, config
