@@ -5,6 +5,7 @@ All speeds are controller steps (1/30 s of one humanoid) per second of wall time
 - physics: the native batch steps the same MJCF through the same PD targets and does nothing else,
 - environment: HumanoidLatent-v0 from `gym.make_vec`, controller, observations, rewards and endings included,
 - subprocesses: Stable-Baselines3's `SubprocVecEnv` of the single HumanoidLatent-v0, at the better number of processes,
+- HumanoidSoccer-v0 and the other scenes: the environment with its text reward against bare physics of the same scene,
 - training: PPO on HumanoidText-v0 with the settings of `anyskill train`, learning included.
 """
 
@@ -23,9 +24,10 @@ from mujoco.batch import Batch
 
 from anyskill_envs.latent import HumanoidLatentVectorEnv
 from anyskill_envs.simulation import CONTROLLER_STEPS, PHYSICS_STEPS
-from motion_data.skeleton import load_model
 
+SCENES = ("HumanoidSoccer-v0", "HumanoidDoor-v0", "HumanoidChair-v0", "HumanoidPillar-v0")
 BARS = {"environment / physics": 0.6, "environment / subprocesses": 3.0, "training": 3000.0}
+BARS |= {f"{scene} / physics": 0.7 for scene in SCENES}
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,17 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 class Environment:
-    """The batched latent environment; remembers the PD targets of its first measurement."""
+    """A batched environment of latents; remembers the PD targets of its first measurement."""
 
-    def __init__(self, options: Options) -> None:
-        self.envs = HumanoidLatentVectorEnv(
-            options.num_envs, controller=options.controller, num_threads=options.num_threads
-        )
+    def __init__(self, options: Options, environment_id: str = "HumanoidLatent-v0") -> None:
+        made = gym.make_vec(
+            f"anyskill_envs:{environment_id}",
+            options.num_envs,
+            controller=options.controller,
+            num_threads=options.num_threads,
+        ).unwrapped
+        assert isinstance(made, HumanoidLatentVectorEnv)
+        self.envs = made
         standing = self.envs.decoder.controller.standing_latents
         self.actions = standing[np.random.default_rng(0).integers(len(standing), size=options.num_envs)]
         self.decisions = options.decisions
@@ -92,20 +99,19 @@ class Environment:
 
 
 class Physics:
-    """The native batch alone."""
+    """The native batch alone, of the environment's own scene."""
 
     def __init__(self, environment: Environment, options: Options) -> None:
         simulation = environment.envs.simulation
-        self.batch = Batch(load_model(), len(simulation), simulation.batch.nthread)
+        self.batch = Batch(simulation.model, len(simulation), simulation.batch.nthread)
         self.controls = self.batch.bind("ctrl")
         environment.envs.reset(seed=0)
-        self.start = simulation.qpos.copy(), simulation.qvel.copy()
+        self.start = simulation.batch.state.copy()
         self.targets = environment.targets
 
     def speed(self) -> float:
         """Controller steps per second."""
-        self.batch.reset()
-        self.batch.bind("qpos")[:], self.batch.bind("qvel")[:] = self.start
+        self.batch.state[:] = self.start
 
         def run() -> None:
             for targets in self.targets:
@@ -162,11 +168,16 @@ def training_speed(options: Options) -> float:
     return (model.num_timesteps - before) * CONTROLLER_STEPS / elapsed
 
 
+def in_turns(environment: Environment, options: Options) -> list[tuple[float, float]]:
+    """Speeds of bare physics and of the environment, measured one after the other."""
+    physics = Physics(environment, options)
+    return [(physics.speed(), environment.speed()) for _ in range(options.rounds)]
+
+
 def measure(options: Options) -> dict[str, float]:
     """All speeds and ratios."""
     environment = Environment(options)
-    physics = Physics(environment, options)
-    pairs = [(physics.speed(), environment.speed()) for _ in range(options.rounds)]
+    pairs = in_turns(environment, options)
     results = {
         "physics": statistics.median(first for first, _ in pairs),
         "environment": statistics.median(second for _, second in pairs),
@@ -181,6 +192,9 @@ def measure(options: Options) -> dict[str, float]:
         subprocesses.envs.close()
     results["subprocesses"] = statistics.median(first for first, _ in best)
     results["environment / subprocesses"] = statistics.median(second / first for first, second in best)
+    for scene in SCENES:
+        pairs = in_turns(Environment(options, scene), options)
+        results[f"{scene} / physics"] = statistics.median(second / first for first, second in pairs)
     results["training"] = training_speed(options)
     return results
 

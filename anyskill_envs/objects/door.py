@@ -31,16 +31,18 @@ _FRAME = """
 _KNOB = '<geom name="handle" class="handle" size="0.012" fromto="0.06 0.6 1 0.06 0.72 1" mass="0.3"/>'
 
 # The tail of the lever reaches into the post, before a catch. Who presses the lever down by some 25 degrees lifts the tail
-# over the catch, and the leaf is free. The two touch nothing else (bit 2), the lever's handle is for hands.
+# over the catch, and the leaf is free. The two touch nothing else (bit 2), the lever's handle is for hands. A leaf that falls
+# shut stays ajar at the catch.
 _LEVER = """
 <body name="lever" pos="0 0.7 1">
   <joint name="latch" axis="1 0 0" range="0 45" damping="0.05" stiffness="2" springref="-10" armature="0.002"/>
   <geom name="handle" class="handle" size="0.012" fromto="0.06 0 0 0.06 -0.14 0" mass="0.2"/>
-  <geom name="tail" class="handle" type="box" size="0.012 0.06 0.012" pos="0 0.06 0" mass="0.1" contype="2" conaffinity="2"/>
+  <geom name="tail" class="handle" type="box" size="0.012 0.06 0.012" pos="0 0.06 0" mass="0.1" contype="2" conaffinity="2"
+        friction="0.1 0.005 0.0001"/>
 </body>
 """
 _CATCH = """
-<geom name="catch" type="box" size="0.02 0.02 0.03" pos="-0.035 0.42 1" contype="2" conaffinity="2"/>
+<geom name="catch" type="box" size="0.02 0.02 0.03" pos="-0.035 0.42 1" contype="2" conaffinity="2" friction="0.1 0.005 0.0001"/>
 """
 
 _CAPTIONS = {
