@@ -35,7 +35,7 @@ class TeacherConfig:
     """Widths of actor and critic."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     """Settings of the update."""
-    smoothness: float = 0.02
+    smoothness: float = 0.05
     """Weight of the loss on trembling; see :class:`agents.controller.ppo.PPO`."""
     settling: float = 0.25
     """Last share of the time, in which updates are smaller: two dances and the run were only then performed whole."""

@@ -295,8 +295,8 @@ def tracking_reward(observation: np.ndarray, expected: np.ndarray) -> np.ndarray
     """How well states match the reference, in [0, 1], ``(n,)``.
 
     DeepMimic's form (Peng et al. 2018, eq. 6-9: a weighted sum of exponentials of squared errors), in the heading frame:
-    body positions 0.3, rotations 0.2, head, hands and feet 0.15, body velocities 0.15, root velocity and turning 0.1;
-    and 0.1 for feet that stay where the reference plants them.
+    body positions 0.25, rotations 0.2, head, hands and feet 0.1, body velocities 0.15, root velocity and turning 0.1;
+    and 0.2 for feet that stay where the reference plants them.
     """
     n = len(observation)
     difference = observation - expected
@@ -308,12 +308,12 @@ def tracking_reward(observation: np.ndarray, expected: np.ndarray) -> np.ndarray
     turning = difference[:, OBSERVATION_LAYOUT["body_angular_velocities"].start + 2]
     root = (velocities[:, 0] ** 2).sum(-1) + 0.1 * turning**2
     return (
-        0.3 * np.exp(-30 * squared.mean(-1))
+        0.25 * np.exp(-30 * squared.mean(-1))
         + 0.2 * np.exp(-4 * rotations)
-        + 0.15 * np.exp(-20 * squared[:, _EXTREMITIES].mean(-1))
+        + 0.1 * np.exp(-20 * squared[:, _EXTREMITIES].mean(-1))
         + 0.15 * np.exp(-0.5 * (velocities**2).sum(-1).mean(-1))
         + 0.1 * np.exp(-2 * root)
-        + 0.1 * np.exp(-200 * _slide(observation, expected))
+        + 0.2 * np.exp(-200 * _slide(observation, expected))
     )
 
 
