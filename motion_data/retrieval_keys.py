@@ -18,6 +18,8 @@ END_EFFECTOR_INDEX = np.array([body_index(name) for name in END_EFFECTORS])
 """Where they stand in arrays of bodies."""
 VELOCITY_HALF_LIFE = 0.27
 """Seconds after which a wished velocity or heading is half reached; DReCon (Bergamin et al. 2019) uses this spring."""
+FASTEST_TURN = 2.0
+"""rad/s that a query asks for at most; only acrobatics turn faster, and they would be retrieved for it."""
 
 _BLOCKS = {
     "root_velocity": 3,  # m/s, now
@@ -91,7 +93,7 @@ def course_key(places: np.ndarray, yaw: np.ndarray) -> np.ndarray:
 def wished_course(
     velocity: np.ndarray, yaw: np.ndarray, goal: np.ndarray, face_goal: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The way over the next 0.5 s on which velocity and heading approach a goal exponentially.
+    """The way over the next 0.5 s on which velocity and heading approach a goal exponentially, the latter at most at 2 rad/s.
 
     Args:
         velocity: Horizontal velocity of the root, ``(n, 2)`` m/s.
@@ -108,4 +110,5 @@ def wished_course(
     places = goal[:, None] * time[:, None] + (velocity - goal)[:, None] * ((1 - left) / rate)[:, None]
     standing = np.linalg.norm(goal, axis=1) < 1e-6
     turn = wrapped(np.arctan2(goal[:, 1], goal[:, 0]) - yaw) * (~standing & face_goal)
-    return places, yaw[:, None] + turn[:, None] * (1 - left)
+    most = FASTEST_TURN * time
+    return places, yaw[:, None] + np.clip(turn[:, None] * (1 - left), -most, most)
