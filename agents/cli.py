@@ -20,7 +20,7 @@ class Command:
 
     Attributes:
         help: One line for the table of `anyskill --help`.
-        target: "module:function" of a command without sub-commands, else empty.
+        target: "module:function" of a command without sub-commands, or of one whose first word may be none of them.
         subcommands: Name of each sub-command and its "module:function".
     """
 
@@ -31,7 +31,13 @@ class Command:
 
 COMMANDS: dict[str, Command] = {
     "train": Command("learn a skill from a sentence", "agents.text.train:train"),
-    "play": Command("watch a trained skill, or write a video of it", "agents.text.play:play"),
+    "play": Command(
+        "watch a trained skill, or write a video of it; or steer a humanoid",
+        "agents.text.play:play",
+        subcommands={"retrieval": "agents.retrieval.play:play"},
+    ),
+    "train-retrieval": Command("learn to retrieve clips that the humanoid can follow", "agents.retrieval.train:train"),
+    "evaluate": Command("measure what was trained", subcommands={"retrieval": "agents.retrieval.evaluate:evaluate"}),
     "ablate": Command("compare rewards: train each on the same texts, and report", "agents.ablation.command:ablate"),
     "motions": Command(
         "list the motion clips, draw one, or import your own",
@@ -128,7 +134,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     name = parser.parse_args(words[:1]).command
     command, rest, prog = COMMANDS[name], words[1:], f"anyskill {name}"
     target = command.target
-    if command.subcommands:
+    if rest[:1] and rest[0] in command.subcommands:
+        target, rest, prog = command.subcommands[rest[0]], rest[1:], f"{prog} {rest[0]}"
+    elif not target:
         nested = argparse.ArgumentParser(prog=prog, description=command.help, usage=f"{prog} COMMAND ...")
         nested.add_argument("command", choices=command.subcommands, help="its --help shows its options")
         choice = nested.parse_args(rest[:1]).command
