@@ -56,7 +56,10 @@ COMMANDS: dict[str, Command] = {
             "calm": "agents.controller.calm.command:calm",
         },
     ),
-    "encoder": Command("train the bundled text and image encoder", subcommands={"train": "agents.encoder.train:train"}),
+    "encoder": Command(
+        "train the bundled text and image encoder, or export a CLIP-like model",
+        subcommands={"train": "agents.encoder.train:train", "export": "agents.encoder.onnx_command:export"},
+    ),
     "texts": Command(
         "make instructions of captions: filter, score, rewrite",
         subcommands={
