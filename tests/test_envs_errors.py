@@ -109,7 +109,10 @@ def test_misspelt_argument_is_named(controller_file):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"initial_stat": "standing"}, "Unknown reset option 'initial_stat'.*reset_mask, initial_state, placement, text"),
+        (
+            {"initial_stat": "standing"},
+            "Unknown reset option 'initial_stat'.*reset_mask, initial_state, placement, text",
+        ),
         ({"initial_state": "flying"}, "standing, library"),
         ({"initial_state": {"qpos": np.zeros(7)}}, r"qpos.*shape \(35,\)"),
         ({"initial_state": {"qvel": np.zeros(34)}}, "qpos"),

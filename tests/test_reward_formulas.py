@@ -6,6 +6,7 @@ from envs_common import arguments  # noqa: F401  (registers the encoder "small")
 from small_models import SmallEncoder
 
 from rewards import EpisodicReward, HistoryRewardFn, RewardBatch, RewardFn, make_reward, reward_names
+from rewards.object_state import ObjectState
 
 COUNT, SIZE = 6, SmallEncoder.feature_size
 # Texts that the fake encoder puts anywhere; the clip-s texts are left to their default.
@@ -27,6 +28,10 @@ def batch():
         library_latents=unit(rng.normal(size=(10, 64))),
         velocity=rng.normal(size=(COUNT, 2)).astype(np.float32),
         facing=unit(rng.normal(size=(COUNT, 2))),
+        objects={
+            "ball": ObjectState.from_vector(rng.normal(size=(COUNT, 15)).astype(np.float32)),
+            "door": ObjectState.from_vector(rng.normal(size=(COUNT, 17)).astype(np.float32)),
+        },
         past_features=unit(rng.normal(size=(COUNT, 9, SIZE))),
     )
 
@@ -78,6 +83,29 @@ def velocity_anyskill(row):
     return 0.1 * np.exp(-0.25 * (0.2 - row.velocity[0]) ** 2) if row.velocity[0] > 0 else 0
 
 
+def nearing(row, state, reach):
+    distance = np.hypot(*state["position"][:2])
+    turn = np.array([[row.facing[0], -row.facing[1]], [row.facing[1], row.facing[0]]])  # heading frame to world
+    towards = turn @ (state["position"][:2] / distance) @ row.velocity
+    if distance <= reach:
+        return 1.0
+    return 0.7 * np.exp(-0.5 * (distance - reach) ** 2) + 0.3 * np.exp(-(max(0, 1.0 - towards) ** 2))
+
+
+def strike(row):
+    speed = np.sqrt(np.sum(row.ball["linear_velocity"] ** 2))
+    return 0.3 * nearing(row, row.ball, 0.4) + 0.7 * min(speed / 3.0, 1)
+
+
+def opens(row):
+    return 0.3 * nearing(row, row.door, 0.4) + 0.7 * min(max(row.door["angle"][0], 0) / 1.5, 1)
+
+
+def sit(row):
+    near = np.exp(-10 * np.sum((row.ball["position"] + [0, 0, 0.12]) ** 2))
+    return 0.7 * near + 0.3 * near * np.exp(-2 * np.sum(row.velocity**2))
+
+
 class Row:
     """One row of a batch, in double precision."""
 
@@ -86,6 +114,9 @@ class Row:
         self.latent, self.style = np.float64(batch.latent[i]), np.float64(batch.style_latent[i])
         self.library, self.past = np.float64(batch.library_latents), np.float64(batch.past_features[i])
         self.velocity, self.facing = np.float64(batch.velocity[i]), np.float64(batch.facing[i])
+        self.ball, self.door = (
+            {key: np.float64(value[i]) for key, value in vars(state).items()} for state in batch.objects.values()
+        )
 
 
 CASES = {
@@ -101,6 +132,11 @@ CASES = {
     "clip-s / deviation": ("clip-s", {"divide_by_deviation": True}, lambda row: clip_s(row, True)),
     "clip-s alone": ("clip-s", {"other_texts": ()}, lambda row: 2.5 * max(cosine(row.image, row.text), 0)),
     "velocity": ("velocity", {"direction": (3.0, 4.0)}, velocity_ase),
+    "approach": ("approach", {}, lambda row: nearing(row, row.ball, 0.5)),
+    "approach the door": ("approach", {"object": "door", "reach": 0.8}, lambda row: nearing(row, row.door, 0.8)),
+    "strike": ("strike", {}, strike),
+    "open": ("open", {"object": "door"}, opens),
+    "sit": ("sit", {}, sit),
     "velocity, anyskill": ("velocity", {"form": "anyskill"}, velocity_anyskill),
 }
 

@@ -42,7 +42,8 @@ _LEVER = """
 </body>
 """
 _CATCH = """
-<geom name="catch" type="box" size="0.02 0.02 0.03" pos="-0.035 0.42 1" contype="2" conaffinity="2" friction="0.1 0.005 0.0001"/>
+<geom name="catch" type="box" size="0.02 0.02 0.03" pos="-0.035 0.42 1" contype="2" conaffinity="2"
+      friction="0.1 0.005 0.0001"/>
 """
 
 _CAPTIONS = {

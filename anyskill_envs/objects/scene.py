@@ -19,8 +19,8 @@ from rewards.object_state import BLOCKS
 FloatArray = NDArray[np.float64]
 
 QVEL_SIZE = QPOS_SIZE - 1
-_TRIES = 100
-"""How often a place is drawn anew that another object takes up."""
+_TRIES = 1000
+"""How often the places of a scene are drawn anew where one object would stand in another."""
 
 
 @dataclass(frozen=True)
@@ -170,20 +170,19 @@ class Scene:
         velocities = np.zeros((count, self.model.nv))
         velocities[:, :QVEL_SIZE] = qvel
         velocities[:, QVEL_SIZE:] = rng.uniform(-noise, noise, (count, self.model.nv - QVEL_SIZE))
-        placed: list[Part] = []
-        for name, part in self.parts.items():
-            rows = np.arange(count)
-            for _ in range(_TRIES):
+        rows = np.arange(count)
+        for _ in range(_TRIES):
+            taken = np.zeros(len(rows), bool)
+            for index, (name, part) in enumerate(self.parts.items()):
                 drawn = [rng.uniform(low, high, len(rows)) for low, high in placements[name].ranges]
                 poses[rows, part.pose] = self._at(part, qpos[rows], *drawn)
-                rows = rows[self._taken(poses[rows], part, placed)]
-                if not len(rows):
-                    break
-            else:
-                others = " and ".join(repr(other.name) for other in placed)
-                raise ValueError(f"There is no room for {name!r} beside {others}: place them further apart.")
-            placed.append(part)
-        return poses, velocities
+                taken |= self._taken(poses[rows], part, list(self.parts.values())[:index])
+            rows = rows[taken]
+            if not len(rows):
+                return poses, velocities
+        raise ValueError(
+            f"{', '.join(self.parts)} find no room beside each other in their ranges: place them further apart."
+        )
 
     def _unplaced(self, qpos: FloatArray) -> FloatArray:
         """Poses of humanoids with the objects as the model has them."""
