@@ -51,6 +51,7 @@ class SceneEncoder(Protocol):
 
 HUB_PREFIX = "hf:"
 _TRANSFORMERS_ENCODER = "rewards.transformers_encoder:TransformersEncoder"
+_ONNX_ENCODER = "rewards.onnx_encoder:OnnxEncoder"
 _ENCODERS: dict[str, str | Callable[..., Encoder]] = {"bundled": "rewards.bundled:BundledEncoder"}
 
 
@@ -79,7 +80,8 @@ def load_encoder(name: str = "bundled", **kwargs: Any) -> Encoder:
 
     Args:
         name: one of `encoder_names()`; or "hf:" and the name of a CLIP-like model on the Hugging Face hub, such as
-            "hf:laion/CLIP-ViT-B-32-laion2B-s34B-b79K" (the paper's); or the folder of such a model.
+            "hf:laion/CLIP-ViT-B-32-laion2B-s34B-b79K" (the paper's); or the folder of such a model, or of one that
+            `anyskill encoder export` has written.
         **kwargs: arguments of the encoder's constructor.
 
     Raises:
@@ -89,6 +91,8 @@ def load_encoder(name: str = "bundled", **kwargs: Any) -> Encoder:
         return _build(_ENCODERS[name], **kwargs)
     if name.startswith(HUB_PREFIX):
         return _build(_TRANSFORMERS_ENCODER, name=name.removeprefix(HUB_PREFIX), **kwargs)
+    if (Path(name) / "image.onnx").is_file() and (Path(name) / "text.onnx").is_file():
+        return _build(_ONNX_ENCODER, folder=name, **kwargs)
     if Path(name).is_dir():
         return _build(_TRANSFORMERS_ENCODER, name=name, **kwargs)
     raise ValueError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rewards.base import FloatArray
+from rewards.clip_like import ClipLikeEncoder, unit
 
 _INSTALL = 'Install what it needs: pip install "anyskill-envs[encoder]"'
 
 
-class TransformersEncoder:
+class TransformersEncoder(ClipLikeEncoder):
     """A model of `transformers` that has features of texts and of pictures in one space: CLIP, SigLIP, AltCLIP, ...
 
     Pictures go through the model's own image processor in its Pillow form, which every machine has and which gives the
@@ -31,14 +32,15 @@ class TransformersEncoder:
     Attributes:
         name: where the model comes from.
         feature_size: length of the features.
+        model, tokenizer, image_processor: the parts of the model, those of `transformers`.
+        max_tokens: longer texts are cut.
+        padding: how the tokenizer fills up shorter texts.
 
     Raises:
         ImportError: `transformers`, `torch` or `pillow` is not installed.
         FileNotFoundError: the model is neither here nor can it be downloaded; the message says what to do.
         ValueError: the model is not CLIP-like.
     """
-
-    has_state_projection = False
 
     def __init__(self, name: str | Path, batch_size: int = 64) -> None:
         if batch_size < 1:
@@ -50,73 +52,32 @@ class TransformersEncoder:
             raise ImportError(f"Encoders of transformers need the package {error.name!r}. {_INSTALL}") from error
         self.name = str(name)
         self.batch_size = batch_size
-        with _errors_that_help(self.name):
-            model: Any = _load(transformers.AutoModel, self.name, dtype=torch.float32)
+        with errors_that_help(self.name):
+            model: Any = load_part(transformers.AutoModel, self.name, dtype=torch.float32)
             if not (hasattr(model, "get_text_features") and hasattr(model, "get_image_features")):
                 raise ValueError(f"{type(model).__name__} of '{name}' is no CLIP-like model: choose one, e.g. a CLIP.")
-            self._model = model.eval()
-            self._tokenizer: Any = _load(transformers.AutoTokenizer, self.name)
-            wave, kick = self._tokenizer(["wave", "kick"])["input_ids"]
+            self.model: Any = model.eval()
+            self.tokenizer: Any = load_part(transformers.AutoTokenizer, self.name)
+            wave, kick = self.tokenizer(["wave", "kick"])["input_ids"]
             if wave == kick:  # what transformers makes of missing files is a tokenizer that knows no words
                 raise OSError("its tokenizer knows no words: tokenizer.json, or vocab.json and merges.txt, is missing")
-            self._pictures: Any = _load(transformers.AutoImageProcessor, self.name, backend="pil")
+            self.image_processor: Any = load_part(transformers.AutoImageProcessor, self.name, backend="pil")
         text_config = getattr(model.config, "text_config", model.config)
         # Tokenizers that were saved without a limit of their own report an astronomic one.
-        self._max_tokens = min(self._tokenizer.model_max_length, getattr(text_config, "max_position_embeddings", 77))
+        self.max_tokens = min(self.tokenizer.model_max_length, getattr(text_config, "max_position_embeddings", 77))
         # SigLIP was trained on texts that are padded to their full length, and reads the padding.
-        self._padding = "max_length" if model.config.model_type.startswith("siglip") else True
+        self.padding = "max_length" if model.config.model_type.startswith("siglip") else True
         self.feature_size = self.encode_text(["a humanoid"]).shape[1]
 
-    def encode_text(self, texts: Sequence[str]) -> FloatArray:
-        """Unit features (k, d) of k texts.
-
-        Raises:
-            ValueError: no text, or an empty one.
-        """
-        if isinstance(texts, str) or not texts or any(not text.strip() for text in texts):
-            raise ValueError("encode_text takes a list of at least one text, and no text may be empty.")
-        inputs = self._tokenizer(
-            list(texts), padding=self._padding, truncation=True, max_length=self._max_tokens, return_tensors="pt"
+    def _encode_texts(self, texts: list[str]) -> FloatArray:
+        inputs = self.tokenizer(
+            texts, padding=self.padding, truncation=True, max_length=self.max_tokens, return_tensors="pt"
         )
-        return self._features(self._model.get_text_features, inputs)
-
-    def encode_image(self, frames: NDArray[np.uint8]) -> FloatArray:
-        """Unit features (n, d) of pictures or short films.
-
-        Args:
-            frames: uint8 pictures (n, height, width, 3), or films (n, k, height, width, 3); the feature of a film is the
-                normalised mean of those of its frames.
-
-        Raises:
-            ValueError: another shape or type.
-        """
-        frames = np.asarray(frames)
-        if frames.dtype != np.uint8 or frames.ndim not in (4, 5) or frames.shape[-1] != 3:
-            raise ValueError(
-                f"Frames must be uint8 (n, height, width, 3) or (n, k, height, width, 3), got {frames.dtype} {frames.shape}."
-            )
-        if frames.ndim == 5:
-            films, length = frames.shape[:2]
-            features = self.encode_image(frames.reshape(films * length, *frames.shape[2:]))
-            return _unit(features.reshape(films, length, -1).mean(1))
-        return np.concatenate(
-            [
-                self._encode_pictures(frames[start : start + self.batch_size])
-                for start in range(0, len(frames), self.batch_size)
-            ]
-        )
-
-    def encode_state(self, observation: FloatArray) -> FloatArray:
-        """Not possible: a model of pictures and texts knows no states.
-
-        Raises:
-            NotImplementedError: always.
-        """
-        raise NotImplementedError(f"The encoder '{self.name}' has no state projection: use source=\"frames\".")
+        return self._features(self.model.get_text_features, inputs)
 
     def _encode_pictures(self, frames: NDArray[np.uint8]) -> FloatArray:
-        inputs = self._pictures(images=list(frames), input_data_format="channels_last", return_tensors="pt")
-        return self._features(self._model.get_image_features, inputs)
+        inputs = self.image_processor(images=list(frames), input_data_format="channels_last", return_tensors="pt")
+        return self._features(self.model.get_image_features, inputs)
 
     def _features(self, function: Any, inputs: Any) -> FloatArray:
         import torch
@@ -124,15 +85,10 @@ class TransformersEncoder:
         with torch.inference_mode():
             output = function(**inputs)
         # Newer versions of transformers return the whole output of the tower, of which this is the projected feature.
-        return _unit(getattr(output, "pooler_output", output).numpy())
+        return unit(getattr(output, "pooler_output", output).numpy())
 
 
-def _unit(features: NDArray[Any]) -> FloatArray:
-    unit: FloatArray = (features / np.linalg.norm(features, axis=-1, keepdims=True)).astype(np.float32)
-    return unit
-
-
-def _load(kind: Any, name: str, **kwargs: Any) -> Any:
+def load_part(kind: Any, name: str, **kwargs: Any) -> Any:
     """Reads a part of a model from a folder or from the hub's cache, and only if it is not there from the network."""
     try:
         return kind.from_pretrained(name, local_files_only=True, **kwargs)
@@ -143,7 +99,7 @@ def _load(kind: Any, name: str, **kwargs: Any) -> Any:
 
 
 @contextmanager
-def _errors_that_help(name: str) -> Iterator[None]:
+def errors_that_help(name: str) -> Iterator[None]:
     """Replaces the many errors of a failed download by one that says how to go on."""
     try:
         yield

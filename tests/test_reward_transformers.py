@@ -1,5 +1,6 @@
 """Encoders from `transformers`: parity with plain calls on a small random CLIP, and errors that help."""
 
+import pickle
 import string
 import sys
 
@@ -73,6 +74,29 @@ def test_a_film_is_the_mean_of_its_frames(encoder):
     films = pictures(6).reshape(2, 3, 40, 60, 3)
     expected = unit(encoder.encode_image(pictures(6)).reshape(2, 3, 12).mean(1))
     np.testing.assert_allclose(encoder.encode_image(films), expected, atol=1e-6)
+
+
+def test_an_exported_model_has_the_same_features(folder, encoder, tmp_path):
+    pytest.importorskip("onnxscript")
+    from rewards.onnx_encoder import OnnxEncoder, export_encoder
+
+    target = tmp_path / "exported"
+    assert export_encoder(encoder, target) < 1e-5
+    exported = load_encoder(str(target), batch_size=2)
+    assert isinstance(exported, OnnxEncoder) and isinstance(exported, Encoder) and exported.feature_size == 12
+    films = pictures(6).reshape(2, 3, 40, 60, 3)
+    for copy in (exported, pickle.loads(pickle.dumps(exported))):
+        np.testing.assert_allclose(copy.encode_text(TEXTS), encoder.encode_text(TEXTS), atol=1e-5)
+        np.testing.assert_allclose(copy.encode_text(TEXTS[1:2]), encoder.encode_text(TEXTS[1:2]), atol=1e-5)
+        np.testing.assert_allclose(copy.encode_image(pictures(5)), encoder.encode_image(pictures(5)), atol=1e-5)
+        np.testing.assert_allclose(copy.encode_image(films), encoder.encode_image(films), atol=1e-5)
+    assert make_reward("vlm-rm", encoder=exported).needs == {"frames", "text"}
+    assert exported.name == str(folder)
+    with pytest.raises(FileExistsError, match="not empty"):
+        export_encoder(encoder, target)
+    (target / "text.onnx").write_bytes(b"half a file")
+    with pytest.raises(ValueError, match="no readable ONNX"):
+        load_encoder(str(target))
 
 
 def test_rewards_look_at_pictures_with_it(encoder):
