@@ -1,5 +1,6 @@
 """The bundled encoder as a user gets it, and what it says when something is missing."""
 
+import json
 import pickle
 import shutil
 
@@ -9,7 +10,8 @@ import pytest
 
 from motion_data.authored import authored_clips
 from rewards import Encoder, RewardBatch, load_encoder, make_reward
-from rewards.bundled import WEIGHTS_FOLDER, BundledEncoder, EncoderError, shrink
+from rewards.bundled import WEIGHTS_FOLDER, BundledEncoder, EncoderError, contract, shrink
+from rewards.encoders import SceneEncoder
 from rewards.minilm import MiniLM, TextModelError, load_minilm, model_folder, verify_weights
 
 
@@ -152,3 +154,28 @@ def test_shrinking_takes_means_of_areas():
     np.testing.assert_allclose(shrink(films, 4), expected, atol=1e-3)
     uneven = shrink(np.full((1, 1, 7, 5, 3), 100, np.uint8), 3)
     np.testing.assert_allclose(uneven, 100.0, atol=1e-4)
+
+
+def test_a_state_tower_that_was_trained_on_scenes_is_told_which_objects_are_there(tmp_path):
+    """Its second input has, for each known object, whether it is there and its state; others are left out."""
+    sizes = {"ball": 15, "door": 17}
+    inputs = [("observation", 223), ("objects", sum(sizes.values()) + 2)]
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("Concat", [name for name, _ in inputs], ["feature"], axis=1)],
+        "state",
+        [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["n", size]) for name, size in inputs],
+        [onnx.helper.make_tensor_value_info("feature", onnx.TensorProto.FLOAT, ["n", None])],
+    )
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9)
+    onnx.helper.set_model_props(model, contract("state") | {"feature_size": "257", "object_sizes": json.dumps(sizes)})
+    onnx.save(model, tmp_path / "state_projection.onnx")
+    shutil.copy(WEIGHTS_FOLDER / "text_head.onnx", tmp_path)
+    encoder = BundledEncoder(tmp_path, cache="")
+    assert isinstance(encoder, SceneEncoder) and encoder.object_sizes == sizes
+    observation, door = np.ones((2, 223), np.float32), np.full((2, 17), 3.0, np.float32)
+    feature = encoder.encode_state(observation, {"door": door, "chair": np.ones((2, 15), np.float32)})
+    expected = np.concatenate([observation, np.zeros((2, 16)), np.ones((2, 1)), door], axis=1)
+    np.testing.assert_array_equal(feature, expected)
+    assert not encoder.encode_state(observation)[:, 223:].any()
+    with pytest.raises(ValueError, match=r"'door' must be \(2, 17\), got \(2, 15\)"):
+        encoder.encode_state(observation, {"door": door[:, :15]})

@@ -1,13 +1,13 @@
 """The checks of what is done with objects judge hand-made poses as a person would."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from envs_common import arguments
 
+from agents.text.config import TrainConfig
 from agents.text.evaluate import judge, run_episodes, scene_of
 from agents.text.object_checks import OBJECT_CHECKS, find_object_check
-from agents.text.train import environment_id, train
+from agents.text.train import environment_id, make_environment, train
 from anyskill_envs.objects.scene import Scene
 from motion_data.skeleton import body_index, forward_kinematics, joint_index, lowest_point, rest_qpos
 
@@ -129,10 +129,16 @@ def test_episodes_in_a_scene_are_judged(controller_file):
 
 
 def test_a_wrong_environment_is_told_with_those_that_exist(tmp_path):
-    from agents.text.config import TrainConfig
-
     config = TrainConfig("kick the ball", env="HumanoidFootball-v0", output=tmp_path / "run")
     with pytest.raises(ValueError, match="no environment 'HumanoidFootball-v0'.*HumanoidSoccer-v0"):
         train(config)
     assert not (tmp_path / "run").exists()
-    assert gym.spec(environment_id(TrainConfig("kick the ball", env="HumanoidSoccer-v0")))
+    assert list(scene_of(environment_id(TrainConfig("kick the ball", env="HumanoidSoccer-v0"))).parts) == ["ball"]
+
+
+@pytest.mark.parametrize(("blind", "size"), [(False, 223 + 15 + 60), (True, 223 + 60)])
+def test_a_run_can_be_blind_to_the_objects(blind, size, controller_file):
+    config = TrainConfig(
+        "kick the ball", env="HumanoidSoccer-v0", blind=blind, encoder="small", controller=controller_file
+    )
+    assert make_environment(config, 2).observation_space.shape == (size,)

@@ -66,7 +66,8 @@ def judge(
 
 def scene_of(environment: str) -> Scene:
     """The scene of a registered environment, as its registration names the objects."""
-    return Scene.of(gym.spec(environment).kwargs.get("objects", ()))
+    name = environment.rpartition(":")[2]  # "module:id", as gym.make takes it
+    return Scene.of(gym.spec(name).kwargs.get("objects", ()))
 
 
 def run_episodes(

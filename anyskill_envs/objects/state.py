@@ -41,6 +41,8 @@ def object_vectors(simulation: HumanoidSimulation, ids: NDArray[np.int64] | slic
     """
     scene = simulation.scene
     positions = simulation.world_positions[ids]
+    if not scene:
+        return np.zeros((len(positions), 0), np.float32)
     quaternions = simulation.world_quaternions[ids]
     cosine, sine = heading_direction(quaternions[:, 1])
     blocks: list[FloatArray] = []
@@ -58,7 +60,7 @@ def object_vectors(simulation: HumanoidSimulation, ids: NDArray[np.int64] | slic
             state[:, -2 * joints : -joints] = simulation.qpos[ids][:, part.angles]
             state[:, -joints:] = simulation.qvel[ids][:, part.angle_velocities]
         blocks.append(state)
-    return np.concatenate([np.zeros((len(positions), 0), np.float32), *blocks], axis=1)
+    return np.concatenate(blocks, axis=1)
 
 
 def object_states(scene: Scene, vectors: FloatArray) -> dict[str, ObjectState]:
