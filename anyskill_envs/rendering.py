@@ -11,7 +11,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import mujoco
 import numpy as np
@@ -22,6 +22,7 @@ from motion_data.skeleton import HUMANOID_XML, heading, load_model
 
 Preset = Literal["clip_fast", "video"]
 Follow = Literal["heading", "position", "world"]
+Engine = Literal["mujoco", "pyrender"]
 
 NO_GL_HELP = (
     "No OpenGL library for pictures without a screen was found. Install one (Debian and Ubuntu: "
@@ -180,6 +181,52 @@ def set_pose(model: mujoco.MjModel, data: mujoco.MjData, pose: NDArray[np.float6
     anchors = pose[model.nq :].reshape(-1, 7)
     data.mocap_pos[:], data.mocap_quat[:] = anchors[:, :3], anchors[:, 3:]
     mujoco.mj_kinematics(model, data)
+
+
+class Renderer(Protocol):
+    """What draws a humanoid, with whatever library."""
+
+    width: int
+    height: int
+
+    def render(self, qpos: NDArray[np.float64], camera: Camera = FRONT_CAMERA) -> NDArray[np.uint8]:
+        """Draw one pose, `(35,)` or that of a scene; the picture is uint8 `(height, width, 3)`."""
+        ...
+
+    def close(self) -> None:
+        """Free the GL context; a later `render` creates a new one."""
+        ...
+
+
+def make_renderer(
+    engine: Engine = "mujoco",
+    width: int = 224,
+    height: int = 224,
+    preset: Preset = "clip_fast",
+    scene: Scene | None = None,
+) -> Renderer:
+    """A renderer by the name of its library.
+
+    Args:
+        engine: "mujoco" draws the shapes that the physics knows, and is what encoders are trained on. "pyrender" draws the
+            humanoid as a skinned mannequin with physically based shading, for people.
+        width: pixels.
+        height: pixels.
+        preset: "clip_fast" or "video"; "clip_fast" has no shadows.
+        scene: draws the objects of this scene as well.
+
+    Raises:
+        ImportError: the library is not installed.
+        RenderingError: this machine has no GL library.
+        ValueError: another engine or preset, or a size that is not positive.
+    """
+    if engine == "mujoco":
+        return HumanoidRenderer(width, height, preset, scene=scene)
+    if engine != "pyrender":
+        raise ValueError(f'Unknown render engine {engine!r}; choose "mujoco" or "pyrender".')
+    from anyskill_envs.pyrender_renderer import PyrenderRenderer
+
+    return PyrenderRenderer(width, height, scene, shadows=preset == "video")
 
 
 class HumanoidRenderer:

@@ -240,7 +240,7 @@ def test_the_page_stands_alone_and_says_what_is_missing(finished):
     parser.feed(text)
     assert not parser.open and not parser.loads
     assert text.count("<svg") == 3
-    assert "11 of 12 runs" in text and "1 runs are not finished" in text and "a run ended with code 1" in text
+    assert "11 of 12 runs" in text and "Not finished: 1;" in text and "a run ended with code 1" in text
     assert "for want of an independent evaluator" in text
     assert "95 % interval" in text
     assert text.count('class="worse"') >= 3

@@ -11,6 +11,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+Look = Literal["simulation", "mesh", "beside"]
+"""What a video shows: the shapes that the physics knows, a skinned mannequin, or both beside each other."""
+
 
 @dataclass(frozen=True)
 class TrainConfig:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from agents.text.config import TrainConfig
+from agents.text.config import Look, TrainConfig
 from agents.text.run_folder import RunFolder, write_whole
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ def play(
     video: Path | None = None,
     episodes: int = 1,
     seed: int = 0,
+    look: Look = "simulation",
 ) -> int:
     """Watch a trained skill in a window, or write a video of it.
 
@@ -30,13 +31,15 @@ def play(
         video: Write this .mp4 file instead of opening a window.
         episodes: How many episodes of 10 s, one after the other.
         seed: Seed of the start states.
+        look: What a video shows: the shapes of the simulation, a mesh, or both beside each other; meshes need
+            `pip install "anyskill-envs[mesh]"`.
 
     Returns:
         0.
 
     Raises:
         FileNotFoundError: There is no finished run.
-        ValueError: The video's name does not end in .mp4, or episodes is not positive.
+        ValueError: The video's name does not end in .mp4, episodes is not positive, or another look without a video.
         RenderingError: This machine has no screen, or cannot draw.
     """
     from agents.text.evaluate import scene_of
@@ -48,6 +51,8 @@ def play(
     folder = RunFolder.existing(run)
     if video is not None and video.suffix.lower() != ".mp4":
         raise ValueError(f"The video must be an .mp4 file, got '{video}'.")
+    if video is None and look != "simulation":
+        raise ValueError(f"A window shows the simulation; give --video FILE.mp4 for --look {look}.")
     if episodes < 1:
         raise ValueError(f"episodes must be 1 or more, got {episodes}.")
     config = TrainConfig.from_json(json.loads(folder.config.read_text(encoding="utf-8")))
@@ -68,7 +73,7 @@ def play(
     recorded = run_episodes(ClockedPolicy(policy), config.text, episodes, seed, environment_id(config), **options)
     qpos = np.concatenate([episode.qpos for episode in recorded])
     video.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(video, lambda path: write_video(path, qpos, [config.text], scene))
+    write_whole(video, lambda path: write_video(path, qpos, [config.text], scene, look=look))
     print(f"Wrote {video}: {len(recorded)} episode(s) of {config.text!r}.")
     return 0
 
