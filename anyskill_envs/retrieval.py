@@ -314,6 +314,7 @@ class RetrievalLocomotionVectorEnv(HumanoidVectorEnv):
         return np.concatenate([state, course_key(*course)], 1)
 
     def _retrieve(self, ids: NDArray[np.int64], weights: FloatArray | None) -> None:
+        """Find clips for some humanoids and stitch them to where these are; all weights are 1 if None."""
         frames = self.clips.databases.search(self.clips.choice[ids], self.queries(ids), weights, self._metric)
         self.clips.stitch(ids, frames, self.simulation.qpos[ids])
 

@@ -46,7 +46,7 @@ def run(controller, database, tmp_path_factory):
         "hidden": (16,),
         "evaluation_episodes": 2,
     }
-    config = RetrievalConfig(minutes=0.01, **options, **small)
+    config = RetrievalConfig(minutes=0.05, **options, **small)
     assert train(config) == 0
     return folder, config
 
@@ -68,7 +68,7 @@ def test_a_run_is_resumed_and_never_overwritten_by_accident(run):
     with pytest.raises(FileExistsError, match="--resume"):
         train(config)
     before = json.loads((folder / "report.json").read_text())["training"]["decisions"]
-    assert train(RetrievalConfig(output=folder, minutes=0.02, resume=True, progress=False, evaluation_episodes=2)) == 0
+    assert train(RetrievalConfig(output=folder, minutes=0.1, resume=True, progress=False, evaluation_episodes=2)) == 0
     report = json.loads((folder / "report.json").read_text())
     assert report["training"]["decisions"] > before
     assert report["config"]["num_envs"] == 4

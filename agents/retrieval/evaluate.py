@@ -156,21 +156,23 @@ class RealMotion:
         return multimodality(np.stack(drawn), self._rng)
 
 
-def same_goal_features(retriever: Retriever, options: Mapping[str, Any], seed: int) -> NDArray[np.float64]:
-    """Features of episodes under the same goal: 12 goals, 10 episodes of each from noisy starts.
+def same_goal_features(
+    retriever: Retriever, options: Mapping[str, Any], seed: int, repeats: int = _PER_CONDITION
+) -> NDArray[np.float64]:
+    """Features of episodes under the same goal: 12 goals, some episodes of each from noisy starts.
 
     Returns:
-        Features of the last 2 s of 4 s (or of what there is after a fall), ``(12, 10, 88)``.
+        Features of the last 2 s of 4 s (or of what there is after a fall), ``(12, repeats, 88)``.
     """
     rng = np.random.default_rng(seed)
     low, high = options.get("goal_speed", (0.5, 3.0))
-    speed = np.repeat(rng.uniform(low, high, _CONDITIONS), _PER_CONDITION)
-    direction = np.repeat(rng.uniform(-np.pi, np.pi, _CONDITIONS), _PER_CONDITION)
+    speed = np.repeat(rng.uniform(low, high, _CONDITIONS), repeats)
+    direction = np.repeat(rng.uniform(-np.pi, np.pi, _CONDITIONS), repeats)
     env = make_environment(len(speed), options, goal_seconds=None, reset_noise_scale=0.05)
     rollout = roll_out(env, retriever, _CONDITION_SECONDS, seed, {0.0: (speed, direction)})
     env.close()
     last = [windowed_features(qpos[-round(2 * FRAME_RATE) :])[0] for qpos in rollout.qpos]
-    return np.reshape(last, (_CONDITIONS, _PER_CONDITION, -1))
+    return np.reshape(last, (_CONDITIONS, repeats, -1))
 
 
 def sudden_change(
@@ -241,6 +243,7 @@ def evaluate_retrievers(
         used, counts = np.unique(rollout.names, return_counts=True)
         order = np.argsort(-counts)[:5]
         frames = np.sum(errors * lengths) / lengths.sum()
+        repeated = same_goal_features(retriever, options, seed, int(np.clip(episodes // 6, 2, _PER_CONDITION)))
         rows[name] = {
             "velocity_error": float(frames),
             "interval": float(1.96 * errors.std(ddof=1) / np.sqrt(len(errors))) if len(errors) > 1 else None,
@@ -248,7 +251,7 @@ def evaluate_retrievers(
             "terminated": float(rollout.fell.mean()),
             "length": float(lengths.mean() / (seconds * FRAME_RATE)),
             "frechet": real.distance(np.concatenate(_features(rollout.qpos, 0.5))),
-            "multimodality": multimodality(same_goal_features(retriever, options, seed), np.random.default_rng(seed)),
+            "multimodality": multimodality(repeated, np.random.default_rng(seed)),
             "most_used_clips": {str(used[index]): float(counts[index] / counts.sum()) for index in order},
         }
     assert real is not None
