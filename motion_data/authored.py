@@ -177,21 +177,20 @@ def _stance(side: str, x: float, y: float, heading: float) -> list[float]:
     return [x + cosine * forward - sine * left, y + sine * forward + cosine * left, turn + heading]
 
 
-def interpolate(keys: Sequence[Key], fps: float = FRAME_RATE) -> np.ndarray:
+def interpolate(times: np.ndarray, rows: np.ndarray, fps: float = FRAME_RATE) -> np.ndarray:
     """Smooth paths through the keys, at rest at the ends and wherever a channel turns round.
 
     Between keys each channel is a quintic with zero acceleration at the keys, so from rest to rest it has minimum jerk.
 
     Args:
-        keys: At least two keys.
+        times: Seconds of at least two keys, ``(keys,)``.
+        rows: Their numbers, ``(keys, channels)``.
         fps: Frames per second.
 
     Returns:
         Channels of each frame, ``(T, channels)``.
     """
-    times = np.array([key.time for key in keys])
-    rows = np.stack([key.channels() for key in keys])
-    slopes = PchipInterpolator(times, rows).derivative()(times) if len(keys) > 2 else np.zeros_like(rows)
+    slopes = PchipInterpolator(times, rows).derivative()(times) if len(times) > 2 else np.zeros_like(rows)
     slopes[0] = slopes[-1] = 0
     values = np.stack([rows, slopes, np.zeros_like(rows)], 1)
     frames = np.arange(round(times[-1] * fps) + 1) / fps
@@ -250,7 +249,8 @@ def read_authored(path: str | Path = AUTHORED_YAML) -> list[MotionClip]:
             reader.read(key)
         if len(reader.keys) < 2:
             raise ValueError(f"Clip '{name}' needs at least two key poses, found {len(reader.keys)}.")
-        channels.append(interpolate(reader.keys))
+        times = np.array([key.time for key in reader.keys])
+        channels.append(interpolate(times, np.stack([key.channels() for key in reader.keys])))
     # One call for all clips: the solver works on arrays of frames.
     lengths = [len(rows) for rows in channels]
     loops = [bool(entry.get("loop", False)) for entry in entries.values()]

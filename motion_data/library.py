@@ -12,6 +12,7 @@ import numpy as np
 from motion_data.authored import authored_clips
 from motion_data.clip import MotionClip, swap_sides
 from motion_data.deepmimic import pybullet_clips
+from motion_data.floor import floor_clips
 from motion_data.gait import gait_clips
 from motion_data.skeleton import kinematics
 
@@ -101,7 +102,7 @@ class MotionLibrary:
 
     @classmethod
     def default(cls, mirrored: bool = True, imported: str | Path | None = None) -> "MotionLibrary":
-        """The project's library: mocap of the ``pybullet`` package, authored clips, gaits, mirror images, imports.
+        """The project's library: mocap of the ``pybullet`` package, authored clips, gaits, mirrors, imports.
 
         Args:
             mirrored: Add the mirror image of every clip that has no mirror image in the library yet.
@@ -112,7 +113,7 @@ class MotionLibrary:
         except ModuleNotFoundError as error:
             _LOG.warning("The library has no mocap clips: %s", error)
             clips = []
-        clips += authored_clips() + gait_clips()
+        clips += authored_clips() + gait_clips() + floor_clips()
         folder = imports_folder() if imported is None else Path(imported)
         clips += [MotionClip.load(path) for path in sorted(folder.glob("*.npz"))]
         if mirrored:

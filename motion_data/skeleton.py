@@ -92,8 +92,13 @@ class Kinematics(NamedTuple):
     """Origins of the bodies, ``(T, 15, 3)``."""
     quaternions: np.ndarray
     """Orientations of the bodies, ``(T, 15, 4)``."""
-    lowest: np.ndarray
-    """Height of the lowest point of any geom that can touch the floor, ``(T,)``."""
+    clearance: np.ndarray
+    """Height of the lowest point of each body, as far as it can touch the floor, ``(T, 15)``."""
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """Height of the lowest point of the humanoid, ``(T,)``."""
+        return self.clearance.min(1)
 
 
 def kinematics(qpos: np.ndarray) -> Kinematics:
@@ -120,11 +125,11 @@ def kinematics(qpos: np.ndarray) -> Kinematics:
         quaternions[frame] = data.xquat[1:]
         geom_positions[frame] = data.geom_xpos
         geom_z_axes[frame] = data.geom_xmat[:, 6:9]
-    return Kinematics(positions, quaternions, _lowest(model, geom_positions, geom_z_axes))
+    return Kinematics(positions, quaternions, _clearance(model, geom_positions, geom_z_axes))
 
 
-def _lowest(model: mujoco.MjModel, positions: np.ndarray, z_axes: np.ndarray) -> np.ndarray:
-    """Lowest point over all floor-touching geoms; ``z_axes`` is the world z row of each geom's rotation matrix."""
+def _clearance(model: mujoco.MjModel, positions: np.ndarray, z_axes: np.ndarray) -> np.ndarray:
+    """Lowest points of floor-touching geoms by body; ``z_axes`` is the world z row of each geom's rotation matrix."""
     touching = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_conaffinity > 0))
     size, kind = model.geom_size[touching], model.geom_type[touching]
     slope = np.abs(z_axes[:, touching])
@@ -134,7 +139,9 @@ def _lowest(model: mujoco.MjModel, positions: np.ndarray, z_axes: np.ndarray) ->
     reach = np.select(
         [kind == mujoco.mjtGeom.mjGEOM_SPHERE, kind == mujoco.mjtGeom.mjGEOM_CAPSULE], [sphere, capsule], box
     )
-    return (positions[:, touching, 2] - reach).min(1)
+    lowest = np.full((len(positions), model.nbody - 1), np.inf)
+    np.minimum.at(lowest.T, model.geom_bodyid[touching] - 1, (positions[:, touching, 2] - reach).T)
+    return lowest
 
 
 def forward_kinematics(qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
