@@ -24,7 +24,7 @@ _MJCF = """
 BALL = SceneObject(
     name="ball",
     mjcf=_MJCF,
-    placement=Placement(distance=(1.0, 2.0), bearing=(-0.5, 0.5), yaw=(-3.14, 3.14)),
+    placement=Placement(distance=(1.0, 2.0), bearing=(-0.8, 0.8), yaw=(-3.14, 3.14)),
     radius=0.15,
     texts=("kick the ball", "walk to the ball"),
     captions={
