@@ -207,6 +207,7 @@ def test_the_numbers_are_those_of_the_episodes(finished):
     assert delta["fall"]["mean"] == 1 and clip["fall"]["mean"] == pytest.approx(1 / 6)
     assert delta["jerk"]["mean"] > 3 * clip["jerk"]["mean"]
     assert delta["naturalness"]["mean"] > 5 * clip["naturalness"]["mean"] > 0
+    assert delta["library_distance"]["mean"] > 3 * clip["library_distance"]["mean"] > 0
     assert delta["multimodality"]["mean"] > clip["multimodality"]["mean"]
     assert clip["diversity"]["count"] == 3
     difference = results["summary"]["differences"]["800*delta"]["jerk"]

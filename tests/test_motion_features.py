@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motion_data.metrics import clip_similarity, diversity, frechet_distance
+from motion_data.metrics import clip_similarity, diversity, frechet_distance, nearest_distance
 from motion_data.motion_features import MOTION_FEATURE_SIZE, motion_features, windowed_features
 from motion_data.skeleton import kinematics, rest_qpos
 
@@ -51,6 +51,14 @@ def test_windows_cover_the_motion_and_short_ones_are_one_window():
     for function in (motion_features, windowed_features):
         with pytest.raises(ValueError, match="at least 3 frames"):
             function(long[:2])
+
+
+def test_the_nearest_of_a_reference():
+    reference = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]])
+    assert nearest_distance(np.array([[3.0, 4.0], [10.0, 1.0]]), reference) == pytest.approx((5 + 1) / 2)
+    assert nearest_distance(reference[:2], reference) == 0
+    with pytest.raises(ValueError, match="different sizes"):
+        nearest_distance(reference, np.ones((4, 3)))
 
 
 def test_they_tell_motions_apart():

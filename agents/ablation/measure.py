@@ -15,12 +15,20 @@ from agents.ablation.plan import Run
 from agents.text.evaluate import Episode, load_rollouts
 from agents.text.run_folder import RunFolder
 from motion_data.library import MotionLibrary
-from motion_data.metrics import foot_skate, frechet_distance, frechet_floor, jerk, multimodality, sole_corners
+from motion_data.metrics import (
+    foot_skate,
+    frechet_distance,
+    frechet_floor,
+    jerk,
+    multimodality,
+    nearest_distance,
+    sole_corners,
+)
 from motion_data.motion_features import windowed_features
 from motion_data.skeleton import kinematics
 
 MEASURES_FILE = "measures.json"
-_VERSION = 1
+_VERSION = 2
 _POSE_SIZE = 35
 """Numbers of the humanoid's pose; in a scene those of its objects follow."""
 _SHORTEST = 4
@@ -69,7 +77,16 @@ MEASURES = (
         "lower",
         1,
         "Naturalness: squared Fréchet distance of 2 s windows to those of the motion library, in 88 posture and kinetic "
-        "features (motion_data/motion_features.py), each divided by its standard deviation in the library.",
+        "features (motion_data/motion_features.py), each divided by its standard deviation in the library. The library shows "
+        "many skills, so one skill is never near it as a whole: compare runs of the same texts.",
+    ),
+    Measure(
+        "library_distance",
+        "nearest in library",
+        "lower",
+        2,
+        "Naturalness of what is done, whatever is not: mean distance of 2 s windows to the most similar one of the library, "
+        "in the same features.",
     ),
     Measure("foot_skate", "foot skate, m/s", "lower", 3, "Mean speed of the soles over the floor while they touch it."),
     Measure(
@@ -145,6 +162,7 @@ def _measure(episodes: list[Episode], run: Run, evaluator: Evaluator, library: L
         "fall": float(np.mean([episode.fell for episode in episodes])),
         "jerk": float(np.mean([jerk(pose.positions) for pose in poses])) if poses else None,
         "naturalness": frechet_distance(together, library.features) if len(together) > 1 else None,
+        "library_distance": nearest_distance(together, library.features) if len(together) > 1 else None,
         "foot_skate": float(np.nanmean(skates)) if np.isfinite(skates).any() else None,
         "multimodality": (multimodality(means[None], np.random.default_rng(0), pairs=200) if len(means) > 1 else None),
     }
