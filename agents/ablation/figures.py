@@ -129,6 +129,8 @@ def plot_measures(
                     panel.plot([summed["low"], summed["high"]], [row, row], color=palette[reward], linewidth=2)
         panel.set_yticks(range(len(rewards)), rewards if number % columns == 0 else [""] * len(rewards), fontsize=9)
         panel.set_ylim(len(rewards) - 0.5, -0.5)
+        if measure.percent:
+            panel.set_xlim(-0.03, 1.03)
         panel.set_title(_title(measure), fontsize=10)
         panel.grid(alpha=0.3, axis="x")
     for panel in panels[len(MEASURES) :]:
