@@ -104,6 +104,9 @@ def test_pictures_are_drawn_for_a_reward_that_looks_at_them(controller_file, mon
     class Painter:
         """Draws a pose as noise of its own."""
 
+        def __init__(self, scene):
+            assert not scene  # no objects
+
         def render(self, qpos, camera):
             assert camera == Camera((2.0, 0.0, 1.0))
             return np.random.default_rng(abs(int(qpos[0] * 1e12))).integers(0, 255, (64, 64, 3), dtype=np.uint8)
