@@ -24,6 +24,7 @@ from motion_data.retrieval_keys import (
     END_EFFECTOR_INDEX,
     KEY_LAYOUT,
     KEY_SIZE,
+    SMALLEST_DEVIATION,
     STATE_SIZE,
     course_key,
     state_key,
@@ -36,8 +37,6 @@ _FORMAT_VERSION = 1
 DEFAULT_SELECTION = "move_around"
 """The library's category of locomotion."""
 _MOTION_SUFFIXES = (".bvh", ".amc", ".npz", ".json", ".txt")
-# A feature that hardly varies (metres, m/s, rad) shall not count more than it would with this deviation.
-_SMALLEST_DEVIATION = 0.01
 _ARRAYS = ("qpos", "states", "lengths", "windows", "keys")
 
 
@@ -85,7 +84,7 @@ class MotionDatabase:
         self.windows = np.asarray(windows, np.int64)
         self.keys = np.asarray(keys, np.float32)
         self.mean = self.keys.mean(0, dtype=np.float64)
-        self.scale = BLOCK_SCALE / np.maximum(self.keys.std(0, dtype=np.float64), _SMALLEST_DEVIATION)
+        self.scale = BLOCK_SCALE / np.maximum(self.keys.std(0, dtype=np.float64), SMALLEST_DEVIATION)
         ends = np.cumsum(self.lengths)
         self.last = np.repeat(ends - 1, self.lengths)
         self.motion_of_frame = np.repeat(np.arange(len(self.names)), self.lengths)
@@ -255,7 +254,7 @@ def find_database(source: "MotionDatabase | str | Path") -> MotionDatabase:
 
     Args:
         source: A database; or the path of a saved one (.npz) or of a folder of motion files; or what to take from the
-            motion library: a category such as "move_around", or a pattern of clip names such as "walk*".
+            motion library, see :func:`select_clips`: a category such as "move_around", or a pattern such as "walk*".
 
     Raises:
         ValueError: If it is none of these, or the files cannot be used; the message lists the categories.
@@ -272,6 +271,31 @@ def find_database(source: "MotionDatabase | str | Path") -> MotionDatabase:
     return _library_database(str(source))
 
 
+def select_clips(library: MotionLibrary, selection: str) -> list[MotionClip]:
+    """The clips of a library that are in a category, or whose names match a pattern; or both, joined by "&".
+
+    Args:
+        library: The library.
+        selection: Such as "move_around", "walk*" or "move_around&usual".
+
+    Raises:
+        ValueError: If there is none; the message lists the categories.
+    """
+    categories = {category for clip in library.clips for category in clip.categories}
+    clips = library.clips
+    for part in map(str.strip, selection.split("&")):
+        if part in categories:
+            clips = [clip for clip in clips if part in clip.categories]
+        else:
+            clips = [clip for clip in clips if fnmatch.fnmatchcase(clip.name, part)]
+    if not clips:
+        raise ValueError(
+            f"'{selection}' is no motion database: neither a path that exists, nor a category of the motion library "
+            f"({', '.join(sorted(categories))}), nor a pattern that matches a clip in `anyskill motions list`."
+        )
+    return clips
+
+
 @cache
 def _library_database(selection: str) -> MotionDatabase:
     """Part of the motion library; kept in the user's cache, since making the library takes seconds."""
@@ -282,18 +306,7 @@ def _library_database(selection: str) -> MotionDatabase:
             return MotionDatabase.load(file)
         except ValueError as error:
             _LOG.warning("Making the database again: %s", error)
-    library = MotionLibrary.default()
-    categories = {category for clip in library.clips for category in clip.categories}
-    if selection in categories:
-        clips = [clip for clip in library.clips if selection in clip.categories]
-    else:
-        clips = [clip for clip in library.clips if fnmatch.fnmatchcase(clip.name, selection)]
-    if not clips:
-        raise ValueError(
-            f"'{selection}' is no motion database: neither a path that exists, nor a category of the motion library "
-            f"({', '.join(sorted(categories))}), nor a pattern that matches a clip in `anyskill motions list`."
-        )
-    database = MotionDatabase.from_clips(clips)
+    database = MotionDatabase.from_clips(select_clips(MotionLibrary.default(), selection))
     try:
         database.save(file)
     except OSError as error:

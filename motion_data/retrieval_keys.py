@@ -40,6 +40,18 @@ KEY_SIZE = int(_ends[-1])
 BLOCK_SCALE = np.concatenate([np.full(size, size**-0.5) for size in _BLOCKS.values()])
 """Factor of each standardised number that lets every block count alike, however many numbers it has, ``(32,)``."""
 
+_SMALLEST_DEVIATIONS = {
+    "root_velocity": 0.5,
+    "end_effector_positions": 0.1,
+    "end_effector_velocities": 0.5,
+    "mean_velocity": 0.5,
+    "displacement": 0.25,
+    "turn": 0.5,
+}
+SMALLEST_DEVIATION = np.concatenate([np.full(size, _SMALLEST_DEVIATIONS[name]) for name, size in _BLOCKS.items()])
+"""Standard deviations below which a key is not scaled up, ``(32,)``, in its units: where nearly all clips walk straight on,
+a wish to turn would otherwise outweigh everything else."""
+
 STATE_SIZE = KEY_LAYOUT["mean_velocity"].start
 """27: the numbers of a key that the present state determines."""
 

@@ -1,12 +1,15 @@
 """Retrieval databases: keys, exact search, files, and what goes wrong with them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from envs_common import walk_clip
 
 from motion_data.clip import MotionClip
+from motion_data.library import MotionLibrary
 from motion_data.nearest import NearestKeys
-from motion_data.retrieval import MotionDatabase, MotionDatabases, find_database
+from motion_data.retrieval import MotionDatabase, MotionDatabases, find_database, select_clips
 from motion_data.retrieval_keys import KEY_LAYOUT, KEY_SIZE, course_key, turned, wished_course
 from motion_data.skeleton import rest_qpos
 
@@ -111,6 +114,27 @@ def test_several_databases_by_name(database):
 
 def walk_database(name):
     return MotionDatabase.from_clips([walk_clip(name)])
+
+
+def test_clips_are_selected_by_category_and_name():
+    clips = [replace(walk_clip(name), categories=kinds) for name, kinds in CLIPS.items()]
+    library = MotionLibrary(clips)
+    for selection, names in (
+        ("move_around", ["walk", "walk_fast", "cartwheel"]),
+        ("walk*", ["walk", "walk_fast"]),
+        ("move_around & usual", ["walk", "walk_fast"]),
+        ("usual&*fast", ["walk_fast"]),
+    ):
+        assert [clip.name for clip in select_clips(library, selection)] == names
+    with pytest.raises(ValueError, match="'fly' is no motion database.*jump, move_around, usual"):
+        select_clips(library, "fly")
+
+
+CLIPS = {
+    "walk": ("move_around", "usual"),
+    "walk_fast": ("move_around", "usual"),
+    "cartwheel": ("move_around", "jump"),
+}
 
 
 def test_errors_name_the_fix(database, tmp_path):

@@ -127,8 +127,8 @@ def play(
         raise ValueError(f"The video must be an .mp4 file, got '{video}'.")
     if not (np.isfinite(speed) and 0 <= speed <= FASTEST):
         raise ValueError(f"speed must be from 0 to {FASTEST:g} m/s, got {speed}.")
-    if not (np.isfinite(seconds) and seconds >= 1):
-        raise ValueError(f"seconds must be at least 1, got {seconds}.")
+    if not 0 < seconds < np.inf:
+        raise ValueError(f"seconds must be positive, got {seconds}.")
     act: Retriever = unlearned if retriever is None else load_retriever(retriever)
     if video is None:
         from anyskill_envs.viewer import check_screen
