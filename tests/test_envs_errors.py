@@ -210,7 +210,7 @@ class Window:
 
     def __init__(self, model, data):
         self.data, self.heights, self.running = data, [], True
-        self.cam = mujoco.MjvCamera()
+        self.cam, self.user_scn = mujoco.MjvCamera(), mujoco.MjvScene(model, 100)
 
     def is_running(self):
         return self.running
