@@ -24,8 +24,9 @@ format: .venv/.installed ## format the code and sort the imports
 	$(PYTHON_BIN) -m ruff check --fix .
 	$(PYTHON_BIN) -m ruff format .
 
-bench: .venv/.installed ## measure the simulation's speed
+bench: .venv/.installed ## measure the speed of the simulation and of retrieval
 	$(PYTHON_BIN) benchmarks/bench.py
+	$(PYTHON_BIN) benchmarks/retrieval_search.py
 
 wheel: .venv/.installed ## build the wheel and smoke-test it in a clean virtual environment
 	bash tools/smoke_test_wheel.sh

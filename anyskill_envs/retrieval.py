@@ -89,8 +89,8 @@ class RetrievalLocomotionVectorEnv(HumanoidVectorEnv):
     Args:
         num_envs: number of humanoids.
         databases: name of each motion database and what it is made of: a `MotionDatabase`, the path of a saved one
-            (.npz) or of a folder of motion files, a category of the motion library, or a pattern of its clips' names.
-            The library's category "move_around" if None.
+            (.npz) or of a folder of motion files, a category of the motion library, a pattern of its clips' names, or both.
+            "move_around&usual" of the library, its locomotion without acrobatics and crawling, if None.
         database: the database in which episodes look: a name, "random" to draw one for each episode, or None for the
             first.
         query_period: decisions (1/6 s) between two retrievals; a clip that ends (after 3) is replaced in any case.
@@ -176,7 +176,7 @@ class RetrievalLocomotionVectorEnv(HumanoidVectorEnv):
         return list(self.clips.databases.names)
 
     def use_database(self, name: str, ids: Sequence[int] | NDArray[np.int64] | None = None) -> None:
-        """Switch humanoids to another database, from their next decision on.
+        """Switch humanoids to another database, from their next decision on until their episode ends.
 
         Args:
             name: the database.
@@ -203,7 +203,7 @@ class RetrievalLocomotionVectorEnv(HumanoidVectorEnv):
         self.clips.add(name, source)
 
     def set_goal(self, speed: float, direction: float, ids: Sequence[int] | NDArray[np.int64] | None = None) -> None:
-        """Set where humanoids shall go, until their goal changes.
+        """Set where humanoids shall go, until their goal changes or their episode ends.
 
         Args:
             speed: m/s; 0 to stand.

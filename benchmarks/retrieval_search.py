@@ -17,7 +17,7 @@ import tyro
 
 from anyskill_envs.retrieval import RetrievalLocomotionVectorEnv
 from motion_data.nearest import NearestKeys
-from motion_data.retrieval import MotionDatabase, find_database
+from motion_data.retrieval import DEFAULT_SELECTION, MotionDatabase, find_database
 
 BAR = 0.05
 
@@ -32,7 +32,7 @@ class Options:
     """Humanoids."""
     rounds: int = 9
     """Measurements; the median counts."""
-    database: str = "move_around"
+    database: str = DEFAULT_SELECTION
     """What the synthetic database is made of."""
     num_threads: int = 1
     """Threads of the simulation; the processor time of a step hardly depends on it."""

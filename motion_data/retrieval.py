@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import re
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
@@ -34,8 +35,8 @@ from motion_data.window import WINDOW_FRAMES
 
 _LOG = logging.getLogger(__name__)
 _FORMAT_VERSION = 1
-DEFAULT_SELECTION = "move_around"
-"""The library's category of locomotion."""
+DEFAULT_SELECTION = "move_around&usual"
+"""The library's locomotion, without acrobatics and crawling: a fast goal must not call up a cartwheel."""
 _MOTION_SUFFIXES = (".bvh", ".amc", ".npz", ".json", ".txt")
 _ARRAYS = ("qpos", "states", "lengths", "windows", "keys")
 
@@ -212,7 +213,7 @@ class MotionDatabase:
             with np.load(path, allow_pickle=False) as archive:
                 header = json.loads(str(archive["header"]))
                 arrays = {name: archive[name] for name in _ARRAYS}
-        except (KeyError, ValueError, OSError, EOFError, json.JSONDecodeError) as error:
+        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
             raise ValueError(f"'{path}' is not a motion database of this project ({error}). {again}") from error
         layout = {name: [place.start, place.stop] for name, place in KEY_LAYOUT.items()}
         if header.get("format_version") != _FORMAT_VERSION or header.get("key_layout") != layout:
@@ -254,7 +255,7 @@ def find_database(source: "MotionDatabase | str | Path") -> MotionDatabase:
 
     Args:
         source: A database; or the path of a saved one (.npz) or of a folder of motion files; or what to take from the
-            motion library, see :func:`select_clips`: a category such as "move_around", or a pattern such as "walk*".
+            motion library, see :func:`select_clips`: a category such as "move_around", a pattern such as "walk*", or both.
 
     Raises:
         ValueError: If it is none of these, or the files cannot be used; the message lists the categories.
@@ -349,7 +350,7 @@ class MotionDatabases:
 
     def __init__(self, databases: Mapping[str, MotionDatabase | str | Path]):
         if not databases:
-            raise ValueError("Name at least one motion database, such as {'locomotion': 'move_around'}.")
+            raise ValueError(f"Name at least one motion database, such as {{'locomotion': '{DEFAULT_SELECTION}'}}.")
         self.names: list[str] = []
         self._databases: list[MotionDatabase] = []
         self._offsets: list[int] = []

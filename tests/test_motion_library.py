@@ -9,6 +9,7 @@ import pytest
 from motion_data.authored import authored_clips
 from motion_data.clip import MotionClip
 from motion_data.library import MotionLibrary, _mocap_clips
+from motion_data.retrieval import DEFAULT_SELECTION, select_clips
 from motion_data.skeleton import joint_limits, kinematics, rest_qpos
 
 
@@ -80,3 +81,9 @@ def test_imported_clips_join(tmp_path):
     assert "mine" in library.names
     # The only clip of its category: far more likely than one of many.
     assert library.weights[library.names.index("mine")] > 5 * library.weights[library.names.index("bow")]
+
+
+def test_retrieval_walks_and_runs_and_neither_crawls_nor_turns_cartwheels(library):
+    names = {clip.name for clip in select_clips(library, DEFAULT_SELECTION)}
+    assert {"walk", "run", "jog", "walk_backward", "sidestep_left", "walk_in_a_curve_right", "stop_walking"} <= names
+    assert not {"cartwheel", "cartwheel_mirrored", "roll", "crawl", "turn_on_the_spot_left"} & names

@@ -38,8 +38,8 @@ class RetrievalConfig:
 
     databases: tuple[str, ...] = ()
     """Motion databases, each a source or NAME=SOURCE: a saved database (.npz), a folder of motion files, a category of the
-    motion library, a pattern of its clips' names, or both as in "move_around&usual". The library's move_around by default.
-    With several, episodes draw one at random."""
+    motion library, a pattern of its clips' names, or both as in "move_around&usual", the
+    default. With several, episodes draw one at random."""
 
     output: Path = Path("runs/retrieval")
     """Run folder."""

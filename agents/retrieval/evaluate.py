@@ -334,7 +334,7 @@ def evaluate(
 
     Args:
         retrievers: Run folders of `anyskill train-retrieval`, their policy.onnx, or .zip files of Stable-Baselines3.
-        databases: Motion databases, SOURCE or NAME=SOURCE each; the library's move_around by default.
+        databases: Motion databases, SOURCE or NAME=SOURCE each; "move_around&usual" of the library by default.
         controller: Low-level controller (ONNX), with its motion encoder beside it; the bundled one by default.
         episodes: Episodes of each retriever.
         seconds: Length of an episode.

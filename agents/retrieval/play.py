@@ -106,9 +106,9 @@ def play(
     Args:
         retriever: Run folder of `anyskill train-retrieval`, its policy.onnx, or a .zip file of Stable-Baselines3; all
             weights 1 if it is left out.
-        databases: Motion databases, SOURCE or NAME=SOURCE each, in the order of the digits; the library's move_around by
-            default. Sources are saved databases (.npz), folders of motion files, categories of the motion library, and
-            patterns of its clips' names.
+        databases: Motion databases, SOURCE or NAME=SOURCE each, in the order of the digits; "move_around&usual" of
+            the library by default. Sources are saved databases (.npz), folders of motion files, categories of the motion
+            library, and patterns of its clips' names.
         controller: Low-level controller (ONNX), with its motion encoder beside it; the bundled one by default.
         speed: Speed at the start, m/s.
         video: Write this .mp4 file, with goals and databases that change by chance, instead of opening a window.
