@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from motion_data.skeleton import rest_qpos
+from motion_data.skeleton import QPOS_SIZE, QVEL_SIZE, rest_qpos
 
 if TYPE_CHECKING:
     from motion_data.library import MotionLibrary
 
 START_NAMES = ("standing", "library")
-
-QPOS_SIZE, QVEL_SIZE = 35, 34
 
 
 def draw_starts(

@@ -20,10 +20,10 @@ from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE, obse
 from anyskill_envs.rebuilding import RebuiltFromArguments
 from anyskill_envs.rendering import HumanoidRenderer, camera_of
 from anyskill_envs.simulation import HumanoidSimulation
-from anyskill_envs.starts import QPOS_SIZE, QVEL_SIZE, START_NAMES, draw_starts
+from anyskill_envs.starts import START_NAMES, draw_starts
 from anyskill_envs.vector_info import final_entries, reward_entries, with_masks
 from anyskill_envs.viewer import HumanoidViewer
-from motion_data.skeleton import BODY_NAMES, FRAME_RATE
+from motion_data.skeleton import BODY_NAMES, FRAME_RATE, QPOS_SIZE, QVEL_SIZE
 from rewards import RewardOutput
 
 FALL_HEIGHT = 0.05

@@ -14,7 +14,8 @@ import numpy as np
 HUMANOID_XML = Path(__file__).parent / "assets" / "humanoid.xml"
 """Path of the humanoid's MJCF."""
 
-QPOS_SIZE = 35
+QPOS_SIZE, QVEL_SIZE = 35, 34
+"""Numbers of the humanoid's pose, and of its velocity."""
 FRAME_RATE = 30.0
 """Controller steps per second; clips are resampled to it."""
 

@@ -89,7 +89,7 @@ class SceneTrajectory:
             geom
             for geom in range(model.ngeom)
             if model.geom_contype[geom]
-            and model.body(model.geom_bodyid[geom]).name.startswith(f"{name}/")
+            and model.body_rootid[model.geom_bodyid[geom]] == self.scene.parts[name].body
             and (not geoms or model.geom(geom).name.removeprefix(f"{name}/") in geoms)
         ]
         touching = np.zeros(len(self.poses), bool)

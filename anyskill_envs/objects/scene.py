@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from anyskill_envs.objects import load_object
 from anyskill_envs.objects.base import Placement, SceneObject
-from motion_data.skeleton import HUMANOID_XML, QPOS_SIZE, heading, load_model
+from motion_data.skeleton import HUMANOID_XML, QPOS_SIZE, QVEL_SIZE, heading, load_model
 from rewards.object_state import BLOCKS
 
 FloatArray = NDArray[np.float64]
 
-QVEL_SIZE = QPOS_SIZE - 1
 _TRIES = 1000
 """How often the places of a scene are drawn anew where one object would stand in another."""
 
@@ -33,7 +32,6 @@ class Part:
         body: index of its root body in the model.
         qpos: place of the pose of a free object in `qpos`, else None.
         qvel: place of the velocity of a free object in `qvel`, else None.
-        mocap: row of a fixed object in `mocap_pos`, else None.
         pose: place of its position and quaternion in the poses of the scene.
         angles: indices of its hinges and slides in `qpos`.
         angle_velocities: indices of its hinges and slides in `qvel`.
@@ -44,7 +42,6 @@ class Part:
     body: int
     qpos: slice | None
     qvel: slice | None
-    mocap: int | None
     pose: slice
     angles: tuple[int, ...]
     angle_velocities: tuple[int, ...]
@@ -86,13 +83,9 @@ class Scene:
     def __init__(self, objects: Sequence[str | SceneObject] = ()) -> None:
         if isinstance(objects, str):
             raise ValueError(f"objects must be a list of names, such as [{objects!r}].")
-        items = [load_object(item) for item in objects]
-        self.items: dict[str, SceneObject] = {}
-        for item in items:
-            count = sum(other.name == item.name for other in self.items.values())
-            self.items[item.name if not count else f"{item.name}_{count + 1}"] = item
-        self.model = _compiled(self.items) if self.items else load_model()
-        self.parts = self._parts()
+        items = _named([load_object(item) for item in objects])
+        self.model = _compiled(items) if items else load_model()
+        self.parts = self._parts(items)
 
     @classmethod
     def of(cls, objects: Scene | Sequence[str | SceneObject]) -> Scene:
@@ -101,7 +94,7 @@ class Scene:
 
     def __bool__(self) -> bool:
         """Whether there is an object."""
-        return bool(self.items)
+        return bool(self.parts)
 
     @property
     def pose_size(self) -> int:
@@ -216,13 +209,13 @@ class Scene:
             taken |= np.hypot(*apart.T) < part.item.radius + other.item.radius
         return taken
 
-    def _parts(self) -> dict[str, Part]:
+    def _parts(self, items: Mapping[str, SceneObject]) -> dict[str, Part]:
         model = self.model
         parts = {}
-        for name, item in self.items.items():
-            bodies = [index for index in range(model.nbody) if model.body(index).name.startswith(f"{name}/")]
-            root = next(index for index in bodies if model.body_parentid[index] == 0)
-            joints = [index for index in range(model.njnt) if model.jnt_bodyid[index] in bodies]
+        # Found by their place, for bodies need no names: the world is body 0, and the first that stands in it the humanoid.
+        roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0][1:]
+        for root, (name, item) in zip(roots, items.items(), strict=True):
+            joints = [index for index in range(model.njnt) if model.body_rootid[model.jnt_bodyid[index]] == root]
             mocap = int(model.body_mocapid[root])
             qpos = qvel = None
             if mocap < 0:
@@ -236,12 +229,23 @@ class Scene:
                 body=root,
                 qpos=qpos,
                 qvel=qvel,
-                mocap=None if mocap < 0 else mocap,
                 pose=qpos or slice(anchor, anchor + 7),
                 angles=tuple(int(model.jnt_qposadr[joint]) for joint in joints),
                 angle_velocities=tuple(int(model.jnt_dofadr[joint]) for joint in joints),
             )
         return parts
+
+
+def _named(objects: Sequence[SceneObject]) -> dict[str, SceneObject]:
+    """The objects by their names in the scene; one whose name is taken gets a number behind it."""
+    names: dict[str, SceneObject] = {}
+    for item in objects:
+        name, count = item.name, 1
+        while name in names:
+            count += 1
+            name = f"{item.name}_{count}"
+        names[name] = item
+    return names
 
 
 def _compiled(items: Mapping[str, SceneObject]) -> mujoco.MjModel:
@@ -261,7 +265,10 @@ def _compiled(items: Mapping[str, SceneObject]) -> mujoco.MjModel:
             raise ValueError(f"MuJoCo does not understand the MJCF of the object {item.name!r}: {error}") from error
         roots = list(fragment.worldbody.bodies)
         if len(roots) != 1 or fragment.worldbody.geoms:
-            raise ValueError(f"The MJCF of the object {item.name!r} must hold one body in its world, not {len(roots)}.")
+            raise ValueError(
+                f"The MJCF of the object {item.name!r} must hold one body in its world and nothing else, not {len(roots)} "
+                f"bodies and {len(fragment.worldbody.geoms)} geoms."
+            )
         root = roots[0]
         kinds = [joint.type for joint in root.joints]
         if kinds not in ([], [mujoco.mjtJoint.mjJNT_FREE]):

@@ -71,7 +71,10 @@ def object_states(scene: Scene, vectors: FloatArray) -> dict[str, ObjectState]:
 
 
 def observation_layout(scene: Scene) -> dict[str, slice]:
-    """Name of each observed block, such as "ball.position", and its place after the proprioception."""
+    """Name of each observed block, such as "ball.position", and its place in what is seen of the objects.
+
+    In the observation of an environment these numbers follow the 223 of the proprioception.
+    """
     layout: dict[str, slice] = {}
     offset = 0
     for part in scene.parts.values():
@@ -98,7 +101,7 @@ def observation_bounds(scene: Scene) -> FloatArray:
 def observe_objects(scene: Scene, vectors: FloatArray) -> FloatArray:
     """What a policy observes of the objects whose states are `vectors`, ``(k, m)``; see :func:`observation_layout`."""
     states = object_states(scene, vectors)
-    pieces = []
+    pieces = [np.zeros((len(vectors), 0), np.float32)]  # for a scene whose objects show nothing
     for name, part in scene.parts.items():
         for block in part.observed:
             state = states[name]
