@@ -102,7 +102,7 @@ class MotionLibrary:
 
     @classmethod
     def default(cls, mirrored: bool = True, imported: str | Path | None = None) -> "MotionLibrary":
-        """The project's library: mocap of the ``pybullet`` package, authored clips, gaits, mirrors, imports.
+        """The project's library: mocap of the ``pybullet`` package, what is authored or planned, mirror images, imports.
 
         Args:
             mirrored: Add the mirror image of every clip that has no mirror image in the library yet.

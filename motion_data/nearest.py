@@ -12,7 +12,7 @@ import numpy as np
 
 _CELLS = 32
 _SMALLEST_CELL = 1024
-"""Below this, what a visit costs is not the product."""
+"""Keys. In a smaller one, the product would cost less than the visit around it."""
 
 
 class NearestKeys:

@@ -17,9 +17,10 @@ END_EFFECTORS = ("right_hand", "left_hand", "right_foot", "left_foot")
 END_EFFECTOR_INDEX = np.array([body_index(name) for name in END_EFFECTORS])
 """Where they stand in arrays of bodies."""
 VELOCITY_HALF_LIFE = 0.27
-"""Seconds after which a wished velocity or heading is half reached; DReCon (Bergamin et al. 2019) uses this spring."""
+"""Seconds after which a wished velocity or heading is half reached; that of the springs in Holden's demonstration of learned
+motion matching (2020)."""
 FASTEST_TURN = 2.0
-"""rad/s that a query asks for at most; only acrobatics turn faster, and they would be retrieved for it."""
+"""rad/s that a query asks for at most: only acrobatics turn faster, and a database that has them would answer with them."""
 
 _BLOCKS = {
     "root_velocity": 3,  # m/s, now

@@ -35,8 +35,8 @@ class ReferenceMotions:
         period: Frames after which a held motion window starts again: whole cycles of a loop, else the window, ``(F,)``.
         seamless: Whether the window can start again without a jump (loops), ``(F,)`` bool.
         upright: Frames in which the humanoid is on its feet, ``(F,)`` bool.
-        reflected: Frames of clips whose twin (left and right exchanged in the name) comes first: they are to be performed
-            as its mirror image, ``(F,)`` bool.
+        reflected: Frames of clips whose twin (left and right exchanged in the name) comes first in the alphabet: they are
+            to be performed as its mirror image, ``(F,)`` bool.
 
     Raises:
         ValueError: If there is no clip, or two clips have the same name.

@@ -14,7 +14,7 @@ class EpisodeClock(VecEnvWrapper):
     """Appends the time to observations; see `agents.text.clock`.
 
     Args:
-        venv: An environment with observations `(223,)`.
+        venv: An environment whose observations are vectors.
     """
 
     def __init__(self, venv: VecEnv) -> None:
