@@ -13,6 +13,10 @@ _SLOW = 0.1
 """m/s; below this a velocity has no direction worth comparing."""
 
 Range = tuple[float, float]
+GOAL_SPEED: Range = (0.5, 3.0)
+"""m/s: slowest and fastest goal unless one says otherwise."""
+GOAL_SECONDS: Range = (4.0, 7.0)
+"""Shortest and longest time until a goal changes; that of MimicKit's steering task."""
 
 
 def goal_distance(velocity: NDArray[np.float64], goal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -39,19 +43,17 @@ def checked_range(name: str, values: Range, lowest: float, highest: float = np.i
     Raises:
         ValueError: If it is none, or reaches beyond the limits.
     """
-    low, high = map(float, values)
-    if not (np.isfinite([low, high]).all() and lowest <= low <= high <= highest):
+    limits = np.array(values, float)
+    if not (limits.shape == (2,) and np.isfinite(limits).all() and lowest <= limits[0] <= limits[1] <= highest):
         raise ValueError(
             f"{name} must be two finite numbers from {lowest:g}{'' if np.isinf(highest) else f' to {highest:g}'}, the "
             f"smaller first, got {values}."
         )
-    return low, high
+    return float(limits[0]), float(limits[1])
 
 
 class VelocityGoals:
     """A wished horizontal velocity for each humanoid: any direction, a uniform speed, redrawn after a uniform time.
-
-    Ranges and times are those of MimicKit's steering task, but for the top speed; RACon does not state its own.
 
     Args:
         count: Humanoids.

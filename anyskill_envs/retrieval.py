@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from anyskill_envs.actions import FloatArray, checked_actions
 from anyskill_envs.controller import ENCODER_FILE, LowLevelController, MotionEncoder
-from anyskill_envs.goals import FASTEST_GOAL, Range, VelocityGoals, goal_distance
+from anyskill_envs.goals import FASTEST_GOAL, GOAL_SECONDS, GOAL_SPEED, Range, VelocityGoals, goal_distance
 from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE
 from anyskill_envs.retrieved_clips import RetrievedClips
 from anyskill_envs.simulation import CONTROLLER_STEPS
@@ -125,8 +125,8 @@ class RetrievalLocomotionVectorEnv(HumanoidVectorEnv):
         database: str | None = None,
         query_period: int = 1,
         weighting: str = "query",
-        goal_speed: Range = (0.5, 3.0),
-        goal_seconds: Range | None = (4.0, 7.0),
+        goal_speed: Range = GOAL_SPEED,
+        goal_seconds: Range | None = GOAL_SECONDS,
         face_goal: bool = True,
         goal_weight: float = 0.8,
         clip_weight: float = 0.2,

@@ -165,6 +165,7 @@ def test_ended_episodes_start_anew_with_a_new_goal(make):
         ({"query_period": 0}, "query_period"),
         ({"weighting": "keys"}, "weighting"),
         ({"goal_speed": (2, 1)}, "goal_speed"),
+        ({"goal_speed": 2.0}, "goal_speed must be two"),
         ({"goal_speed": (0.5, np.nan)}, "goal_speed"),
         ({"goal_seconds": (0, 1)}, "goal_seconds"),
         ({"goal_weight": -1}, "goal_weight"),

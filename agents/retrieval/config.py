@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+from anyskill_envs.goals import GOAL_SECONDS, GOAL_SPEED
+
 
 def named_databases(databases: Sequence[str]) -> dict[str, str] | None:
     """Names and sources of words such as "crawl=crawl*"; a word without a name is named by itself. None if there are none.
@@ -65,10 +67,10 @@ class RetrievalConfig:
     query_period: int = 1
     """Decisions (1/6 s) between two retrievals."""
 
-    goal_speed: tuple[float, float] = (0.5, 3.0)
+    goal_speed: tuple[float, float] = GOAL_SPEED
     """Slowest and fastest goal, m/s."""
 
-    goal_seconds: tuple[float, float] = (4.0, 7.0)
+    goal_seconds: tuple[float, float] = GOAL_SECONDS
     """Shortest and longest time until a goal changes."""
 
     controller: Path | None = None

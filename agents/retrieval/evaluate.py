@@ -7,22 +7,24 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.retrieval.config import named_databases
 from agents.retrieval.retriever import Retriever, load_retriever, unlearned
+from anyskill_envs.goals import GOAL_SECONDS, GOAL_SPEED
 from anyskill_envs.observation import OBSERVATION_LAYOUT
 from anyskill_envs.retrieval import RetrievalLocomotionVectorEnv
+from anyskill_envs.simulation import CONTROLLER_STEPS
 from motion_data.metrics import frechet_distance, frechet_floor, multimodality
 from motion_data.motion_features import windowed_features
 from motion_data.retrieval import MotionDatabases
 from motion_data.retrieval_keys import turned
 from motion_data.skeleton import FRAME_RATE, heading
 
-DECISIONS_PER_SECOND = 6
+DECISIONS_PER_SECOND = FRAME_RATE / CONTROLLER_STEPS
 _LINEAR = OBSERVATION_LAYOUT["body_linear_velocities"].start
 _REAL_STRIDE = 0.1  # s: clips are short, so their windows overlap more than those of the episodes
 _CONDITIONS = 12
@@ -165,7 +167,7 @@ def same_goal_features(
         Features of the last 2 s of 4 s (or of what there is after a fall), ``(12, repeats, 88)``.
     """
     rng = np.random.default_rng(seed)
-    low, high = options.get("goal_speed", (0.5, 3.0))
+    low, high = options.get("goal_speed", GOAL_SPEED)
     speed = np.repeat(rng.uniform(low, high, _CONDITIONS), repeats)
     direction = np.repeat(rng.uniform(-np.pi, np.pi, _CONDITIONS), repeats)
     env = make_environment(len(speed), options, goal_seconds=None, reset_noise_scale=0.05)
@@ -261,8 +263,8 @@ def evaluate_retrievers(
         "episodes": episodes,
         "seconds": seconds,
         "seed": seed,
-        "goal_speed": list(options.get("goal_speed", (0.5, 3.0))),
-        "goal_seconds": list(options.get("goal_seconds", (4.0, 7.0))),
+        "goal_speed": list(options.get("goal_speed", GOAL_SPEED)),
+        "goal_seconds": list(options.get("goal_seconds", GOAL_SECONDS)),
     }
 
 
@@ -321,9 +323,9 @@ def evaluate(
     episodes: int = 64,
     seconds: float = 10.0,
     seed: int = 0,
-    goal_speed: tuple[float, float] = (0.5, 3.0),
-    goal_seconds: tuple[float, float] = (4.0, 7.0),
-    weighting: str = "query",
+    goal_speed: tuple[float, float] = GOAL_SPEED,
+    goal_seconds: tuple[float, float] = GOAL_SECONDS,
+    weighting: Literal["query", "metric"] = "query",
     query_period: int = 1,
     plot: Path | None = None,
     json: bool = False,
@@ -341,7 +343,7 @@ def evaluate(
         seed: Seed of starts and goals.
         goal_speed: Slowest and fastest goal, m/s.
         goal_seconds: Shortest and longest time until a goal changes.
-        weighting: "query" or "metric": what the retrievers weight.
+        weighting: What the retrievers weight.
         query_period: Decisions (1/6 s) between two retrievals.
         plot: Draw a sudden change of the goal's speed to this .png file.
         json: Print JSON instead of a table.
