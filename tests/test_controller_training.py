@@ -12,13 +12,15 @@ from agents.controller.distill import DistillConfig, DistillTrainer
 from agents.controller.evaluate import evaluate_controller
 from agents.controller.export import export_student
 from agents.controller.finetune import FinetuneConfig, FinetuneTrainer
+from agents.controller.ppo import neighbouring_means
 from agents.controller.reference import ReferenceMotions
 from agents.controller.student import Student
 from agents.controller.teacher import Teacher, TeacherConfig, TeacherTrainer
 from agents.controller.tracking import Tracking, TrackingConfig, tracking_distance, tracking_reward
 from anyskill_envs.controller import LowLevelController, MotionEncoder
+from anyskill_envs.observation import OBSERVATION_LAYOUT
 from motion_data.authored import authored_clips
-from motion_data.skeleton import MIRROR_JOINT_SIGNS, MIRROR_JOINTS
+from motion_data.skeleton import BODY_NAMES, MIRROR_JOINT_SIGNS, MIRROR_JOINTS
 from motion_data.window import WINDOW_MIRROR_INDEX, WINDOW_MIRROR_SIGN, window_features
 
 SECONDS = 0.05  # minutes: three seconds of each stage
@@ -41,6 +43,31 @@ def test_reward_is_highest_at_the_reference(motions: ReferenceMotions) -> None:
     np.testing.assert_allclose(tracking_reward(expected, expected), 1.0, atol=1e-6)
     np.testing.assert_allclose(tracking_distance(expected, expected), 0.0, atol=1e-6)
     assert (tracking_reward(expected + 0.05, expected) < 0.9).all()
+
+
+def test_only_a_foot_that_the_reference_plants_must_not_slide(motions: ReferenceMotions) -> None:
+    stand = motions.observations[motions.starts[motions.names.index("stand")] :][:1]
+
+    def moving(body: str, speed: float, observation: np.ndarray) -> np.ndarray:
+        moved = observation.copy()
+        moved[:, OBSERVATION_LAYOUT["body_linear_velocities"].start + 3 * BODY_NAMES.index(body)] += speed
+        return moved
+
+    assert tracking_reward(moving("left_foot", 0.2, stand), stand) == pytest.approx(0.8, abs=0.01)
+    assert tracking_reward(moving("left_hand", 0.2, stand), stand) > 0.99
+    swinging = moving("left_foot", 1.0, stand)
+    assert tracking_reward(moving("left_foot", 0.2, swinging), swinging) > 0.99
+
+
+def test_smoothness_compares_with_both_neighbours_within_an_episode() -> None:
+    """A steady change has no distance from the mean of its neighbours; beyond the end of an episode there is none."""
+    time = torch.arange(6.0)[:, None, None]
+    means = torch.cat([3 * time, time**2], 1).expand(6, 2, 28)
+    ends = torch.zeros(6, 2)
+    ends[2] = 1
+    away = (neighbouring_means(means, ends) - means)[..., 0]
+    assert away[:, 0].tolist() == [0] * 6
+    assert away[:, 1].tolist() == [0, 1, 0, 0, 1, 0]
 
 
 def test_distance_is_in_metres(motions: ReferenceMotions) -> None:
