@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.interpolate import BPoly, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from motion_data.balance import FOOT_FIELDS, UPPER_JOINTS, FootPath, balanced_path, pose_body
 from motion_data.clip import MotionClip
+from motion_data.clip_table import clip_and_twin, read_table
 from motion_data.inverse_kinematics import ARM_COLUMNS, SIDES, solve_arm
 from motion_data.skeleton import FRAME_RATE, JOINT_NAMES
 
@@ -237,10 +237,7 @@ def read_authored(path: str | Path = AUTHORED_YAML) -> list[MotionClip]:
         FileNotFoundError: If there is no such file.
         ValueError: If an entry cannot be understood; the message names the clip.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"No file of key poses at '{path}'.")
-    content = yaml.load(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    content = read_table(path, "clips")
     poses, entries = content.get("poses", {}), content["clips"]
     channels = []
     for name, entry in entries.items():
@@ -256,19 +253,8 @@ def read_authored(path: str | Path = AUTHORED_YAML) -> list[MotionClip]:
     loops = [bool(entry.get("loop", False)) for entry in entries.values()]
     solved = np.split(_pose_channels(np.concatenate(channels), lengths, loops), np.cumsum(lengths)[:-1])
     clips = []
-    for (name, entry), qpos in zip(entries.items(), solved, strict=True):
-        clip = MotionClip(
-            name=name,
-            qpos=qpos,
-            source="authored by this project",
-            licence="MIT",
-            labels=tuple(entry["labels"]),
-            categories=tuple(entry["categories"]),
-            loop=bool(entry.get("loop", False)),
-        )
-        clips.append(clip)
-        if "mirror" in entry:
-            clips.append(replace(clip.mirrored(), name=entry["mirror"]))
+    for (name, entry), qpos, loop in zip(entries.items(), solved, loops, strict=True):
+        clips += clip_and_twin(name, entry, qpos, "authored by this project", loop)
     return clips
 
 

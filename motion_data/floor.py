@@ -12,16 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from motion_data.authored import interpolate
 from motion_data.balance import FootPath
 from motion_data.clip import MotionClip
+from motion_data.clip_table import clip_and_twin, read_table
 from motion_data.inverse_kinematics import LEG_COLUMNS, SIDES, centre_of_mass, solve_leg
 from motion_data.retarget import place_feet
 from motion_data.skeleton import (
+    FRAME_RATE,
     JOINT_NAMES,
     QPOS_SIZE,
     body_index,
@@ -152,7 +153,8 @@ def _read_key(clip: str, time: float, entry: dict[str, Any], feet: np.ndarray | 
     return replace(key, joints=pose[0, 7:].copy())
 
 
-def _clip(name: str, entry: Mapping[str, Any], poses: Mapping[str, Mapping[str, Any]]) -> MotionClip:
+def _clip_poses(name: str, entry: Mapping[str, Any], poses: Mapping[str, Mapping[str, Any]]) -> np.ndarray:
+    """Poses of a clip of the file, ``(T, 35)``."""
     keys: list[FloorKey] = []
     time = 0.0
     for given in entry["keys"]:
@@ -178,21 +180,12 @@ def _clip(name: str, entry: Mapping[str, Any], poses: Mapping[str, Mapping[str, 
     times, planted = np.array([key.time for key in keys]), np.array([key.feet is not None for key in keys])
     rows = interpolate(times, np.stack([key.channels() for key in keys]))
     # Feet are planted between two keys that plant them.
-    segment = np.clip(np.searchsorted(times, np.arange(len(rows)) / 30.0, side="right") - 1, 0, len(keys) - 2)
+    segment = np.clip(np.searchsorted(times, np.arange(len(rows)) / FRAME_RATE, side="right") - 1, 0, len(keys) - 2)
     stands = planted[segment] & planted[segment + 1]
     qpos = _poses(rows, stands)
     if entry.get("trunk_rests"):
         _rest_trunk(qpos, ~stands)
-    qpos = place_feet(qpos, np.zeros(len(rows), bool))
-    return MotionClip(
-        name=name,
-        qpos=qpos,
-        source="authored by this project",
-        licence="MIT",
-        labels=tuple(entry["labels"]),
-        categories=tuple(entry["categories"]),
-        loop=bool(entry.get("loop", False)),
-    )
+    return place_feet(qpos, np.zeros(len(rows), bool))
 
 
 def read_floor(path: str | Path = FLOOR_YAML) -> list[MotionClip]:
@@ -208,16 +201,11 @@ def read_floor(path: str | Path = FLOOR_YAML) -> list[MotionClip]:
         FileNotFoundError: If there is no such file.
         ValueError: If an entry cannot be understood; the message names the clip.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"No file of key poses at '{path}'.")
-    content = yaml.load(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    content = read_table(path, "clips")
     clips = []
     for name, entry in content["clips"].items():
-        clip = _clip(name, entry, content.get("poses", {}))
-        clips.append(clip)
-        if "mirror" in entry:
-            clips.append(replace(clip.mirrored(), name=entry["mirror"]))
+        qpos = _clip_poses(name, entry, content.get("poses", {}))
+        clips += clip_and_twin(name, entry, qpos, "authored by this project", bool(entry.get("loop", False)))
     return clips
 
 

@@ -13,7 +13,7 @@ from motion_data.authored import authored_clips
 from motion_data.clip import MotionClip, swap_sides
 from motion_data.deepmimic import pybullet_clips
 from motion_data.floor import floor_clips
-from motion_data.gait import gait_clips
+from motion_data.gait_table import gait_clips
 from motion_data.skeleton import kinematics
 
 _LOG = logging.getLogger(__name__)

@@ -5,7 +5,9 @@ import pytest
 import yaml
 
 from motion_data.clip import swap_sides
-from motion_data.gait import GAITS_YAML, Gait, gait_clips, pose_gaits, read_gaits
+from motion_data.gait import Gait
+from motion_data.gait_plan import pose_gaits
+from motion_data.gait_table import GAITS_YAML, gait_clips, read_gaits
 from motion_data.inverse_kinematics import centre_of_mass
 from motion_data.library import missing_mirrors
 from motion_data.metrics import sole_corners
@@ -128,6 +130,9 @@ def test_a_user_plans_a_gait_in_one_line():
         ("{duty: 0.5}", "duty must be"),
         ("{cadence: 0}", "cadence must be"),
         ("{duty: 0.4, start: true}", "can neither start nor stop"),
+        ("{stop: true, strides: 1}", "2 to 100 strides"),
+        ("{cadence: fast}", "cadence must be a number"),
+        ("{forward: 1}", "`labels` must be a list"),
     ],
 )
 def test_mistakes_in_the_table_are_named(tmp_path, entry, message):
