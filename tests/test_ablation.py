@@ -81,7 +81,7 @@ def library():
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory, library):
     """All runs but one: those of the first reward sway as the library does and succeed, the others shake and fail."""
-    config = small_config(tmp_path_factory.mktemp("ablation"), seeds=(0, 1, 2))
+    config = small_config(tmp_path_factory.mktemp("ablation"), seeds=(0, 1, 2, 3))
     runs = plan(config)
     rng = np.random.default_rng(1)
     for run in runs[:-1]:
@@ -181,8 +181,22 @@ def test_intervals_hold_the_mean_and_shrink_with_more_runs():
         assert found["low"] < found["mean"] < found["high"]
     assert many["high"] - many["low"] == pytest.approx(2 * 1.96 / np.sqrt(200), rel=0.15)
     assert few["high"] - few["low"] > 2 * (many["high"] - many["low"])
-    assert interval([0.5, None, 0.5]) == {"mean": 0.5, "low": 0.5, "high": 0.5, "count": 2}
+    assert interval([0.5] * 6 + [None])["low"] == interval([0.5] * 6)["high"] == 0.5
     assert interval([1.0])["low"] is None and interval([None, np.nan]) is None
+
+
+def test_few_runs_do_not_look_surer_than_they_are():
+    """Two or three seeds have no interval, and six a wider one than the plain bootstrap, which is too narrow for them."""
+    assert interval([0.2, None, 0.5]) == {
+        "mean": 0.35, "low": None, "high": None, "least": 0.2, "most": 0.5, "count": 2
+    }  # fmt: skip
+    assert interval([1.0] * 5)["low"] is None
+    values = np.array([1.0, 2.0, 3.0, 5.0, 6.0, 7.0])
+    found = interval(values)
+    student = 2 * 2.571 * values.std(ddof=1) / np.sqrt(6)
+    assert found["high"] - found["low"] == pytest.approx(student, rel=0.15)
+    assert values.min() <= found["low"] < found["high"] <= values.max()
+    assert rank_correlation([(float(i), float(i)) for i in range(5)]) is None
 
 
 def test_rank_correlation_needs_no_straight_line():
@@ -200,18 +214,19 @@ def test_rank_correlation_needs_no_straight_line():
 def test_the_numbers_are_those_of_the_episodes(finished):
     config, runs, _, results = finished
     clip, delta = (results["summary"]["rewards"][reward] for reward in config.rewards)
-    assert clip["runs"] == 6 and delta["runs"] == 5
-    assert clip["success"]["mean"] == pytest.approx((0.5 + 1 + 1) / 3)
-    assert clip["success"]["count"] == 3  # the other text has no check
-    assert delta["success"] == {"mean": 0.0, "low": 0.0, "high": 0.0, "count": 3}
-    assert delta["fall"]["mean"] == 1 and clip["fall"]["mean"] == pytest.approx(1 / 6)
+    assert clip["runs"] == 8 and delta["runs"] == 7
+    assert clip["success"]["mean"] == pytest.approx((0.5 + 1 + 1 + 1) / 4)
+    assert clip["success"]["count"] == 4  # the other text has no check
+    assert delta["success"] == {"mean": 0.0, "low": None, "high": None, "least": 0.0, "most": 0.0, "count": 4}
+    assert delta["fall"]["mean"] == 1 and clip["fall"]["mean"] == pytest.approx(1 / 8)
     assert delta["jerk"]["mean"] > 3 * clip["jerk"]["mean"]
     assert delta["naturalness"]["mean"] > 5 * clip["naturalness"]["mean"] > 0
     assert delta["library_distance"]["mean"] > 3 * clip["library_distance"]["mean"] > 0
     assert delta["multimodality"]["mean"] > clip["multimodality"]["mean"]
-    assert clip["diversity"]["count"] == 3
+    assert clip["diversity"]["count"] == 4 and delta["diversity"]["count"] == 3  # a seed without all texts is left out
     difference = results["summary"]["differences"]["800*delta"]["jerk"]
-    assert difference["count"] == 5 and difference["low"] > 0
+    assert difference["count"] == 7 and difference["low"] > 0
+    assert results["summary"]["differences"]["800*delta"]["success"]["low"] is None  # four pairs decide nothing
     assert results["trained_as"]["800*delta"] == "800*delta"
     assert {row["reward"] for row in results["runs"]} == set(config.rewards)
 
@@ -241,9 +256,9 @@ def test_the_page_stands_alone_and_says_what_is_missing(finished):
     parser.feed(text)
     assert not parser.open and not parser.loads
     assert text.count("<svg") == 3
-    assert "11 of 12 runs" in text and "Not finished: 1;" in text and "a run ended with code 1" in text
+    assert "15 of 16 runs" in text and "Not finished: 1;" in text and "a run ended with code 1" in text
     assert "for want of an independent evaluator" in text
-    assert "95 % interval" in text
+    assert "seen: 50 % to 100 %" in text and "800*delta (7 runs)" in text
     assert text.count('class="worse"') >= 3
     for run in runs[:-1]:
         assert f'href="{run.folder.path.relative_to(config.output).as_posix()}/"' in text
@@ -274,6 +289,7 @@ def test_the_evaluator_is_taken_if_it_is_there(monkeypatch, tmp_path):
     own = choose_evaluator(None, "small")
     assert not own.independent and "encoder of the rewards, “small”" in own.note
     assert not choose_evaluator("small", "small").independent
+    assert not choose_evaluator(str(WEIGHTS_FOLDER), "bundled").independent  # another name for the same
     monkeypatch.setattr(evaluator_module, "EVALUATOR_FOLDER", WEIGHTS_FOLDER)
     other = choose_evaluator(None, "small")
     assert other.independent and "no run was rewarded by" in other.note

@@ -1,15 +1,17 @@
-"""The encoder that judges what the runs learned: best one that no reward has seen."""
+"""The encoder that judges what the runs learned; at best one that no run was rewarded by."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from anyskill_envs.observation import OBSERVATION_SIZE
 from anyskill_envs.rendering import Camera, HumanoidRenderer
 from motion_data.metrics import clip_similarity
 from rewards import Encoder, load_encoder
@@ -41,11 +43,17 @@ class Evaluator:
     pictures: bool
     independent: bool
 
-    @property
+    @cached_property
     def digest(self) -> str:
-        """Tells this judgement from that of any other encoder."""
-        probe = self.encoder.encode_text(["raise both arms above the head", "squat down"])
-        return hashlib.sha256(np.round(probe, 4).tobytes()).hexdigest()[:16] + ("-pictures" if self.pictures else "")
+        """Tells this judgement from that of any other encoder, by features of two texts and of noise."""
+        rng = np.random.default_rng(0)
+        texts = self.encoder.encode_text(["raise both arms above the head", "squat down"])
+        if self.pictures:
+            seen = self.encoder.encode_image(rng.integers(256, size=(1, _FILM_FRAMES, 64, 64, 3), dtype=np.uint8))
+        else:
+            seen = self.encoder.encode_state(rng.normal(size=(2, OBSERVATION_SIZE)).astype(np.float32))
+        numbers = np.round(np.concatenate([texts, seen]), 4)
+        return hashlib.sha256(numbers.tobytes()).hexdigest()[:16] + ("-pictures" if self.pictures else "")
 
     def scores(self, motions: Sequence[tuple[NDArray[np.float64], NDArray[np.float32]]], text: str) -> list[float]:
         """CLIP_S of motions, given as poses `(T, 35)` and observations `(T, 223)`.
@@ -85,7 +93,7 @@ def choose_evaluator(name: str | None, reward_encoder: str, pictures: bool = Fal
     """
     if name is None and (EVALUATOR_FOLDER / "text_head.onnx").is_file():
         name = str(EVALUATOR_FOLDER)
-    independent = name is not None and name != reward_encoder
+    independent = name is not None and _place(name) != _place(reward_encoder)
     if name is None or not independent:
         encoder, name = load_encoder(reward_encoder), reward_encoder
         note = (
@@ -97,6 +105,12 @@ def choose_evaluator(name: str | None, reward_encoder: str, pictures: bool = Fal
         note = f"CLIP_S is measured by “{Path(name).name}”, which no run was rewarded by."
     pictures = pictures or not getattr(encoder, "has_state_projection", True)
     return Evaluator(encoder, Path(name).name, note, pictures, independent)
+
+
+def _place(name: str) -> str | Path:
+    """The folder that a name stands for if there is one, so that two spellings of one encoder are told as one."""
+    folder = WEIGHTS_FOLDER if name == "bundled" else Path(name)
+    return folder.resolve() if folder.is_dir() else name
 
 
 def _load(name: str) -> Encoder:

@@ -25,12 +25,10 @@ from motion_data.metrics import (
     sole_corners,
 )
 from motion_data.motion_features import windowed_features
-from motion_data.skeleton import kinematics
+from motion_data.skeleton import QPOS_SIZE, kinematics
 
 MEASURES_FILE = "measures.json"
 _VERSION = 2
-_POSE_SIZE = 35
-"""Numbers of the humanoid's pose; in a scene those of its objects follow."""
 _SHORTEST = 4
 """Frames below which an episode has no jerk and no features: it fell at once."""
 
@@ -148,12 +146,12 @@ def measure_run(run: Run, evaluator: Evaluator, library: LibraryFeatures) -> dic
 
 
 def _measure(episodes: list[Episode], run: Run, evaluator: Evaluator, library: LibraryFeatures) -> dict[str, Any]:
-    moving = [episode.qpos[:, :_POSE_SIZE] for episode in episodes if len(episode.qpos) >= _SHORTEST]
+    moving = [episode.qpos[:, :QPOS_SIZE] for episode in episodes if len(episode.qpos) >= _SHORTEST]
     windows = [library.normalised(windowed_features(qpos)) for qpos in moving]
     poses = [kinematics(qpos) for qpos in moving]
     means = np.array([each.mean(0) for each in windows])
     successes = [float(episode.success) for episode in episodes if episode.success is not None]
-    scores = evaluator.scores([(episode.qpos[:, :_POSE_SIZE], episode.observations) for episode in episodes], run.text)
+    scores = evaluator.scores([(episode.qpos[:, :QPOS_SIZE], episode.observations) for episode in episodes], run.text)
     skates = np.array([foot_skate(sole_corners(pose.positions, pose.quaternions)) for pose in poses])
     together = np.concatenate(windows) if windows else np.zeros((0, 1))
     values: dict[str, float | None] = {

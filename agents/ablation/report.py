@@ -14,7 +14,7 @@ from agents.ablation.evaluator import Evaluator
 from agents.ablation.figures import colours, plot_agreement, plot_curves, plot_measures
 from agents.ablation.measure import MEASURES, LibraryFeatures, Measure, measure_run
 from agents.ablation.plan import Run
-from agents.ablation.statistics import Interval, summarise
+from agents.ablation.statistics import FEWEST, TEXT_MEASURES, Interval, summarise
 from agents.text.report import versions
 from agents.text.run_folder import RunFolder
 
@@ -29,6 +29,7 @@ _DIVERSITY = Measure(
     "its interval is over seeds.",
 )
 _COLUMNS = (*MEASURES, _DIVERSITY)
+_TEXT_COLUMNS = tuple(measure for measure in MEASURES if measure.key in TEXT_MEASURES)
 
 
 def write_report(
@@ -143,12 +144,14 @@ def _page(
         evaluator_note=results["evaluator"]["note"],
         own_judge=not results["evaluator"]["independent"],
         failed=failed,
+        fewest=FEWEST,
         heads=[dataclasses.asdict(measure) | {"per_run": measure in MEASURES} for measure in _COLUMNS],
         rows=rows,
         floor=f"{results['library_floor']:.1f}",
         measures_figure=Markup(plot_measures(finished, values, config.rewards, summary)),
         curves_figure=Markup(plot_curves(finished, histories, config.rewards)),
         text_rows=text_rows,
+        text_measures=", ".join(measure.label for measure in _TEXT_COLUMNS),
         agreement=_agreement(summary["agreement"]),
         agreement_figure=Markup(plot_agreement(finished, values, config.rewards)),
         run_rows=run_rows,
@@ -161,13 +164,25 @@ def _number(value: float | None) -> float:
 
 
 def _cell(measure: Measure, value: Interval | None, difference: Interval | None) -> dict[str, str]:
-    """A cell of the table: mean, interval, and whether it is better or worse than that of the first reward."""
+    """A cell of the table: mean, interval, and whether it is better or worse than that of the first reward.
+
+    For too few runs to have an interval, the lowest and the highest value take its place.
+    """
     if value is None:
         return {"mean": "–", "range": "", "verdict": ""}
     assert value["mean"] is not None
     low, high = value["low"], value["high"]
-    shown = "" if low is None or high is None else f"{measure.show(low)} to {measure.show(high)}"
+    if low is not None and high is not None:
+        shown = f"{measure.show(low)} to {measure.show(high)}"
+    else:
+        shown = "" if value["count"] == 1 else f"seen: {_span(measure, value)}"
     return {"mean": measure.show(value["mean"]), "range": shown, "verdict": _verdict(measure, difference)}
+
+
+def _span(measure: Measure, value: Interval) -> str:
+    """The lowest and the highest of some runs; one number if they look alike."""
+    ends = [measure.show(_number(value[end])) for end in ("least", "most")]
+    return " to ".join(dict.fromkeys(ends))
 
 
 def _verdict(measure: Measure, difference: Interval | None) -> str:
@@ -178,18 +193,21 @@ def _verdict(measure: Measure, difference: Interval | None) -> str:
     return "better" if (difference["low"] > 0) == (measure.better == "higher") else "worse"
 
 
-def _text_cell(values: dict[str, Interval | None]) -> str:
-    success, score = values["success"], values["clip_s"]
-    if score is None:
-        return "–"
-    shown = "no check" if success is None else f"{100 * _number(success['mean']):.0f} %"
-    return f"{shown}, {_number(score['mean']):.1f}"
+def _text_cell(values: dict[str, Interval | None]) -> dict[str, str]:
+    """Means of the seeds, and below them the lowest and the highest."""
+    if values["clip_s"] is None:
+        return {"mean": "–", "range": ""}
+    cells = [(measure, values[measure.key]) for measure in _TEXT_COLUMNS]
+    means = [measure.show(_number(each["mean"])) if each else "no check" for measure, each in cells]
+    spans = [_span(measure, each) for measure, each in cells if each and each["count"] != 1]
+    return {"mean": ", ".join(means), "range": ", ".join(spans)}
 
 
 def _agreement(found: Interval | None) -> str:
     if found is None:
-        return "No rank correlation can be given: it needs at least three runs of texts with a check that differ."
+        return f"No rank correlation can be given: it needs at least {FEWEST} runs of texts with a check, and that they differ."
     return (
         f"Spearman's rank correlation of CLIP_S and success over {found['count']} runs is {found['mean']:.2f} "
-        f"(95 % interval {found['low']:.2f} to {found['high']:.2f}). Each dot is a run."
+        f"(95 % interval {found['low']:.2f} to {found['high']:.2f}). Each mark is a run. Texts are mixed, and some have a "
+        "higher CLIP_S than others whatever is done: look at the texts apart before trusting it."
     )

@@ -14,13 +14,22 @@ from motion_data.metrics import diversity
 
 CONFIDENCE = 0.95
 RESAMPLES = 4000
+FEWEST = 6
+"""Values below which there is no interval: by chance alone five differences have the same sign once in 16 times."""
+TEXT_MEASURES = ("clip_s", "success")
+"""What is given for each text apart."""
 
 Interval = dict[str, float | int | None]
-"""`mean`, `low`, `high` and `count`; the ends are None for fewer than two values."""
+"""`mean`; `low` and `high`, the ends of the interval, None for fewer than `FEWEST` values; `least` and `most`, the lowest and
+the highest value; `count`."""
 
 
 def interval(values: Sequence[float | None]) -> Interval | None:
-    """Mean of some values with its 95 % bootstrap interval (BCa, Efron 1987), or None if none is known.
+    """Mean of some values with its 95 % bootstrap interval, or None if none is known.
+
+    The interval is BCa (Efron 1987), expanded for few values: resampling n values shows only (n - 1) / n of their variance,
+    and an estimated spread needs Student's quantile. Both are made good by a higher nominal level, as in the expanded
+    percentile interval of Hesterberg 2015 ("What teachers should know about the bootstrap").
 
     Args:
         values: One value for each run; None and NaN count as unknown.
@@ -28,30 +37,44 @@ def interval(values: Sequence[float | None]) -> Interval | None:
     known = np.array([value for value in values if value is not None and np.isfinite(value)], float)
     if not len(known):
         return None
-    mean = float(known.mean())
-    if len(known) < 2:
-        return {"mean": mean, "low": None, "high": None, "count": 1}
-    if np.ptp(known) == 0:
-        return {"mean": mean, "low": mean, "high": mean, "count": len(known)}
-    ends = stats.bootstrap(
-        (known,),
-        np.mean,
-        n_resamples=RESAMPLES,
-        confidence_level=CONFIDENCE,
-        method="BCa",
-        rng=np.random.default_rng(0),
-    ).confidence_interval
-    return {"mean": mean, "low": float(ends.low), "high": float(ends.high), "count": len(known)}
+    count, mean = len(known), float(known.mean())
+    low: float | None = None
+    high: float | None = None
+    if count >= FEWEST and np.ptp(known) == 0:
+        low = high = mean
+    elif count >= FEWEST:
+        student = stats.t.ppf((1 + CONFIDENCE) / 2, count - 1) * np.sqrt(count / (count - 1))
+        ends = stats.bootstrap(
+            (known,),
+            np.mean,
+            n_resamples=RESAMPLES,
+            confidence_level=float(1 - 2 * stats.norm.cdf(-student)),
+            method="BCa",
+            rng=np.random.default_rng(0),
+        ).confidence_interval
+        if np.isfinite([ends.low, ends.high]).all():
+            low, high = float(ends.low), float(ends.high)
+    return {
+        "mean": mean,
+        "low": low,
+        "high": high,
+        "least": float(known.min()),
+        "most": float(known.max()),
+        "count": count,
+    }
 
 
 def rank_correlation(pairs: Sequence[tuple[float | None, float | None]]) -> Interval | None:
-    """Spearman's rank correlation with its 95 % bootstrap interval (percentiles), or None if there is none.
+    """Spearman's rank correlation with its 95 % bootstrap interval (percentiles).
 
     Args:
         pairs: Two numbers of each run; pairs with an unknown one are left out.
+
+    Returns:
+        `mean` (of the pairs as they are), `low`, `high` and `count`; None for fewer than `FEWEST` pairs, or equal numbers.
     """
     known = np.array([pair for pair in pairs if None not in pair], float)
-    if len(known) < 3 or (np.ptp(known, axis=0) == 0).any():
+    if len(known) < FEWEST or (np.ptp(known, axis=0) == 0).any():
         return None
     rows = np.random.default_rng(0).integers(len(known), size=(RESAMPLES, len(known)))
     rows[0] = np.arange(len(known))  # the first are the runs as they are
@@ -75,9 +98,9 @@ def summarise(runs: Sequence[Run], values: Sequence[dict[str, Any]], rewards: Se
 
     Returns:
         `rewards`: for each reward an interval of each measure over its runs, and of `diversity`, between episodes of all
-        texts, over its seeds. `differences`: for each other reward the same of the differences to the first, each
-        between runs of one text and seed. `texts`: by text and reward the means of `success` and `clip_s`. `agreement`:
-        the rank correlation of CLIP_S and success over all runs. All are JSON values.
+        texts, over those of its seeds that have all texts. `differences`: for each other reward the same of the differences
+        to the first, each between runs of one text and seed. `texts`: by text and reward an interval of each of
+        `TEXT_MEASURES`. `agreement`: the rank correlation of CLIP_S and success over all runs. All are JSON values.
     """
     table = list(zip(runs, values, strict=True))
     keys = [measure.key for measure in MEASURES]
@@ -87,7 +110,7 @@ def summarise(runs: Sequence[Run], values: Sequence[dict[str, Any]], rewards: Se
     for reward in rewards:
         own = [(run, each) for run, each in table if run.reward == reward]
         by_reward[reward] = {key: interval([each[key] for _, each in own]) for key in keys}
-        by_reward[reward]["diversity"] = interval(_diversities(own))
+        by_reward[reward]["diversity"] = interval(_diversities(own, {run.text for run in runs}))
         by_reward[reward]["runs"] = len(own)
         if reward == rewards[0]:
             continue
@@ -100,7 +123,7 @@ def summarise(runs: Sequence[Run], values: Sequence[dict[str, Any]], rewards: Se
         text: {
             reward: {
                 key: interval([each[key] for run, each in table if (run.text, run.reward) == (text, reward)])
-                for key in ("success", "clip_s")
+                for key in TEXT_MEASURES
             }
             for reward in rewards
         }
@@ -110,11 +133,12 @@ def summarise(runs: Sequence[Run], values: Sequence[dict[str, Any]], rewards: Se
     return {"rewards": by_reward, "differences": differences, "texts": texts, "agreement": agreement}
 
 
-def _diversities(own: Sequence[tuple[Run, dict[str, Any]]]) -> list[float]:
-    """Diversity of the episodes of each seed, over all its texts."""
+def _diversities(own: Sequence[tuple[Run, dict[str, Any]]], texts: set[str]) -> list[float]:
+    """Diversity of the episodes of each seed that was trained on all texts; on fewer it would be smaller for that alone."""
     found = []
     for seed in dict.fromkeys(run.seed for run, _ in own):
-        features = [row for run, each in own if run.seed == seed for row in each["episode_features"]]
-        if len(features) > 1:
+        trained = [(run, each) for run, each in own if run.seed == seed]
+        features = [row for _, each in trained for row in each["episode_features"]]
+        if {run.text for run, _ in trained} == texts and len(features) > 1:
             found.append(diversity(np.array(features), np.random.default_rng(0)))
     return found
