@@ -10,7 +10,7 @@ import pytest
 
 from agents import cli
 from agents.texts import rules
-from agents.texts.endpoint import KEY_VARIABLES, ChatEndpoint, EndpointError
+from agents.texts.endpoint import KEY_VARIABLE, ChatEndpoint, EndpointError
 from agents.texts.filter import FilterRules, filter_stage
 from agents.texts.judge import Rewriter, Scorer, each_alone, read_score
 from agents.texts.lines import read_records, run_stage
@@ -75,7 +75,8 @@ def test_a_bad_line_is_named(tmp_path, content, message):
 
 
 def test_a_stopped_stage_goes_on_behind_the_last_whole_line(tmp_path):
-    source, output = write(tmp_path / "in.jsonl", ["a", "b", "c", "d"]), tmp_path / "deep" / "out.jsonl"
+    # A line separator of Unicode within a text ends no line.
+    source, output = write(tmp_path / "in.jsonl", ["a\u2028", "b", "c", "d"]), tmp_path / "deep" / "out.jsonl"
     seen = []
 
     def shout(record):
@@ -89,9 +90,9 @@ def test_a_stopped_stage_goes_on_behind_the_last_whole_line(tmp_path):
     with output.open("a") as file:
         file.write('{"text": "C", "so')
     records = run_stage(source, output, {"stage": "shout"}, each_alone(shout))
-    assert seen == ["a", "b", "c", "c", "d"]
+    assert seen == ["a\u2028", "b", "c", "c", "d"]
     assert [(each["text"], each["source"], each["id"]) for each in records] == [
-        ("A", "a", 0), ("B", "b", 1), ("C", "c", 2), ("D", "d", 3)
+        ("A\u2028", "a\u2028", 0), ("B", "b", 1), ("C", "c", 2), ("D", "d", 3)
     ]  # fmt: skip
     assert read_records(output) == records
     with pytest.raises(ValueError, match="other options"):
@@ -196,11 +197,10 @@ def test_rules_rank_captions_as_people_would():
 
 
 def test_an_endpoint_is_asked_as_openai_compatible_servers_expect(monkeypatch):
-    for name in KEY_VARIABLES:
-        monkeypatch.delenv(name, raising=False)
+    monkeypatch.delenv(KEY_VARIABLE, raising=False)
     with language_model([" wave \n", "kick"]) as (address, requests):
         assert ChatEndpoint(address, "tiny").ask("Be brief.", "Hello") == "wave"
-        monkeypatch.setenv(KEY_VARIABLES[0], "secret")
+        monkeypatch.setenv(KEY_VARIABLE, "secret")
         assert ChatEndpoint(address + "/", "tiny").ask("Be brief.", "Hello") == "kick"
     path, headers, body = requests[0]
     assert path == requests[1][0] == "/v1/chat/completions"
@@ -235,6 +235,8 @@ def test_an_unreachable_endpoint_is_one_clear_sentence(tmp_path, capsys):
     words = ["texts", "score", str(source), str(tmp_path / "out.jsonl"), "--endpoint", address]
     assert cli.main(words) == 2
     assert "give --model" in capsys.readouterr().err
+    assert cli.main([*words[:4], "--model", "tiny"]) == 2
+    assert "--model tiny needs the --endpoint" in capsys.readouterr().err
 
 
 def test_a_model_scores_by_both_criteria():

@@ -85,6 +85,8 @@ def rewrite_texts(
 
 
 def _endpoint(address: str | None, model: str) -> ChatEndpoint | None:
+    if address is None and model:
+        raise ValueError(f"--model {model} needs the --endpoint where it runs; without both, rules do the work.")
     return None if address is None else ChatEndpoint(address, model)
 
 

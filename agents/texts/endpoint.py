@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from http.client import HTTPException
 from typing import Any
 
-KEY_VARIABLES = ("ANYSKILL_API_KEY", "OPENAI_API_KEY")
-"""Environment variables that may hold the key; the first that is set counts."""
+KEY_VARIABLE = "ANYSKILL_API_KEY"
+"""Environment variable that may hold the key. Keys for other services are never sent to an address they are not meant for."""
 _WORTH_ANOTHER_TRY = (429, 500, 502, 503, 504)
 _LONGEST_WAIT = 60.0
 
@@ -44,6 +44,8 @@ class ChatEndpoint:
             raise EndpointError(f"The endpoint must begin with http:// or https://, got {self.address!r}.")
         if not self.model:
             raise EndpointError("An endpoint needs the name of a model: give --model.")
+        if self.tries < 1:
+            raise EndpointError(f"tries must be at least 1, got {self.tries}.")
 
     def ask(self, instruction: str, question: str) -> str:
         """The model's answer, without blanks around it.
@@ -77,9 +79,8 @@ class ChatEndpoint:
 
     def _post(self, body: bytes) -> bytes:
         headers = {"Content-Type": "application/json"}
-        key = next((os.environ[name] for name in KEY_VARIABLES if os.environ.get(name)), None)
-        if key:
-            headers["Authorization"] = f"Bearer {key}"
+        if os.environ.get(KEY_VARIABLE):
+            headers["Authorization"] = f"Bearer {os.environ[KEY_VARIABLE]}"
         wait = self.first_wait
         for remaining in reversed(range(self.tries)):
             request = urllib.request.Request(self._url, body, headers)
@@ -100,13 +101,13 @@ class ChatEndpoint:
                     ) from error
                 time.sleep(wait)
             wait *= 2
-        raise EndpointError(f"tries must be at least 1, got {self.tries}.")
+        raise AssertionError("the last try has returned or raised")
 
     def _refusal(self, error: urllib.error.HTTPError) -> str:
         told = error.read(300).decode(errors="replace").strip()
         advice = {
-            401: f"set the key in the environment variable {KEY_VARIABLES[0]}",
-            403: f"set a key that may use this model in {KEY_VARIABLES[0]}",
+            401: f"set the key in the environment variable {KEY_VARIABLE}",
+            403: f"set a key that may use this model in {KEY_VARIABLE}",
             404: "check --endpoint (it usually ends in /v1) and --model",
             429: "it is too busy; go on later with the same command",
         }.get(error.code, "the same command goes on when it works again")

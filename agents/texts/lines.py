@@ -22,7 +22,8 @@ def read_records(path: Path) -> list[Record]:
     if not path.is_file():
         raise FileNotFoundError(f'There is no file \'{path}\'. Give one with a JSON object a line: {{"text": "wave"}}.')
     records = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    # Not splitlines: a text may hold a line separator of Unicode, which is no end of a line here.
+    for number, line in enumerate(path.read_text(encoding="utf-8").split("\n"), 1):
         if line.strip():
             records.append(_parse(line, f"Line {number} of '{path}'"))
     return records

@@ -16,6 +16,7 @@ from agents.texts.vocabulary import (
     SEQUENCE_WORDS,
     SUBJECTS,
     VAGUE_VERBS,
+    WHOLE_BODY_VERBS,
     about_face_or_fingers,
     base_form,
     is_adjective,
@@ -57,25 +58,7 @@ def score_clearness(text: str) -> float:
     score = 4.0 if telling else 0.0
     score += 3.0 * any(singular(word) in BODY_PARTS for word in words)
     score += 3.0 * any(word in DIRECTIONS for word in words)
-    # What is done with the whole body needs no part of it to be named.
-    whole = {
-        "squat",
-        "sit",
-        "kneel",
-        "walk",
-        "run",
-        "crawl",
-        "jump",
-        "hop",
-        "crouch",
-        "lie",
-        "march",
-        "skip",
-        "bow",
-        "clap",
-        "tiptoe",
-    }
-    score += 4.0 * bool(whole & set(telling))
+    score += 4.0 * bool(WHOLE_BODY_VERBS & set(telling))
     score -= 3.0 * sum(word in REFERENCES for word in words)
     score -= 2.0 * sum(about_face_or_fingers(word) for word in words)
     return max(0.0, min(10.0, score))

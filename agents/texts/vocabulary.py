@@ -15,7 +15,7 @@ VERBS = _words("""
     fall flap flex fold follow get give go grab hang hit hold hop hug hurdle jab jog juggle jump
     kick kneel lay lean leap lie lift limp lower lunge make march mimic move nod open pace perform pick pivot place play point
     pose practise pull punch push put raise reach rest retreat rise roll rotate row run salute scratch shake shuffle shift shoot
-    show shrug shuffle sidestep sit skate skip slide sneak spin spread sprint squat stagger stamp stand start step stoop stop
+    show shrug sidestep sit skate skip slide sneak spin spread sprint squat stagger stamp stand start step stoop stop
     stretch stride stroll strike stumble sway swim swing take tap throw tilt tiptoe toss touch trot turn twist use waddle wait
     walk warm wave wiggle
     """)
@@ -32,6 +32,9 @@ IRREGULAR = {
 
 VAGUE_VERBS = _words("do execute go get make perform play practise mimic use start stop warm show move")
 """Verbs that do not say what the body does."""
+
+WHOLE_BODY_VERBS = _words("squat sit kneel walk run crawl jump hop crouch lie march skip bow clap tiptoe")
+"""Verbs that are clear without a part of the body being named."""
 
 BODY_PARTS = _words("""
     ankle arm back body chest elbow foot feet forearm hand head heel hip knee leg neck palm shoulder thigh toe torso trunk
@@ -52,7 +55,7 @@ DIRECTIONS = _words("""
 
 SUBJECTS = _words("""
     actor athlete boy character child dancer figure gentleman girl guy human humanoid individual lady man men mannequin model
-    he she they somebody someone people person player robot stickman subject they woman
+    he she somebody someone people person player robot stickman subject they woman
     """)
 
 SEQUENCE_WORDS = _words(
