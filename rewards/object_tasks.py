@@ -88,11 +88,14 @@ class StrikeReward(ObjectReward):
         object: name of the object; the first of the scene if None.
         speed: speed of the object that earns most, m/s.
         reach: as in :class:`ApproachReward`.
+
+    Raises:
+        ValueError: a speed that is not positive.
     """
 
     def __init__(self, object: str | None = None, speed: float = 3.0, reach: float = 0.4) -> None:
         super().__init__(object)
-        self.speed = speed
+        self.speed = _checked("speed", speed)
         self.reach = reach
 
     def __call__(self, batch: RewardBatch) -> RewardOutput:
@@ -117,12 +120,12 @@ class OpenReward(ObjectReward):
         reach: as in :class:`ApproachReward`.
 
     Raises:
-        ValueError: when it is called, if the object has no joint.
+        ValueError: an angle that is not positive; or, when it is called, the object has no joint.
     """
 
     def __init__(self, object: str | None = None, angle: float = 1.5, reach: float = 0.4) -> None:
         super().__init__(object)
-        self.angle = angle
+        self.angle = _checked("angle", angle)
         self.reach = reach
 
     def __call__(self, batch: RewardBatch) -> RewardOutput:
@@ -160,3 +163,10 @@ class SitReward(ObjectReward):
         near = np.exp(-10.0 * np.square(offset).sum(axis=1))
         rest = np.exp(-2.0 * np.square(batch.velocity).sum(axis=1))
         return RewardOutput.from_terms({"seat": 0.7 * near, "rest": 0.3 * near * rest})
+
+
+def _checked(name: str, value: float) -> float:
+    """A number that something is divided by."""
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(f"The {name} that earns most must be a positive number, not {value}.")
+    return float(value)

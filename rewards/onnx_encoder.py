@@ -1,4 +1,4 @@
-"""Models of `transformers` as ONNX files: the same features without torch's forward pass, about as fast as a CPU can."""
+"""Models of `transformers` as ONNX files: the same features, computed by onnxruntime instead of torch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rewards.base import FloatArray
 from rewards.clip_like import ClipLikeEncoder, unit
-from rewards.transformers_encoder import TransformersEncoder, errors_that_help, load_part
+from rewards.transformers_encoder import INSTALL, TransformersEncoder, errors_that_help, load_part
 
 KIND = "anyskill-clip-encoder"
 FORMAT_VERSION = "1"
@@ -51,8 +51,10 @@ class OnnxEncoder(ClipLikeEncoder):
         self._open()
 
     def _open(self) -> None:
-        import transformers
-
+        try:
+            import transformers
+        except ImportError as error:
+            raise ImportError(f"Exported encoders need the package {error.name!r}. {INSTALL}") from error
         self._image, contract = self._session(IMAGE_FILE)
         self._text, text_contract = self._session(TEXT_FILE)
         self.name = contract["source"]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rewards.base import FloatArray
 from rewards.clip_like import ClipLikeEncoder, unit
 
-_INSTALL = 'Install what it needs: pip install "anyskill-envs[encoder]"'
+INSTALL = 'Install what it needs: pip install "anyskill-envs[encoder]"'
 
 
 class TransformersEncoder(ClipLikeEncoder):
@@ -49,7 +49,7 @@ class TransformersEncoder(ClipLikeEncoder):
             import torch
             import transformers
         except ImportError as error:
-            raise ImportError(f"Encoders of transformers need the package {error.name!r}. {_INSTALL}") from error
+            raise ImportError(f"Encoders of transformers need the package {error.name!r}. {INSTALL}") from error
         self.name = str(name)
         self.batch_size = batch_size
         with errors_that_help(self.name):
@@ -104,9 +104,7 @@ def errors_that_help(name: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise ImportError(
-            f"The encoder '{name}' needs a package that is not installed ({error}). {_INSTALL}"
-        ) from error
+        raise ImportError(f"The encoder '{name}' needs a package that is not installed ({error}). {INSTALL}") from error
     except OSError as error:
         reason = str(error).strip().splitlines()[0].split(". ")[0].rstrip(".")
         if Path(name).is_dir():

@@ -233,6 +233,8 @@ def test_a_sum_can_be_spelled_in_one_line(batch):
         ("clip+half*velocity", {}, ValueError, "'half.velocity'"),
         ("clip+nan*velocity", {}, ValueError, "write sums like"),
         ("clip+0.5*beauty", {}, ValueError, "'beauty'.*avgpool, clip"),
+        ("strike", {"speed": 0.0}, ValueError, "speed that earns most must be a positive"),
+        ("open", {"angle": np.nan}, ValueError, "angle that earns most must be a positive"),
         ("avgpool", {"window": 0}, ValueError, "at least 1 frame"),
         ("vlm-rm", {"alpha": 1.5}, ValueError, "between 0 and 1"),
         ("clip-s", {"other_texts": "walk"}, ValueError, "list of texts"),
