@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from anyskill_envs.rendering import set_pose
 from motion_data.skeleton import BODY_NAMES, load_model
 
 if TYPE_CHECKING:
@@ -69,12 +70,15 @@ def agent_mesh(qpos: NDArray[np.float64], shape: Shape = "mannequin") -> trimesh
     Args:
         qpos: The pose, `(35,)`.
         shape: See :func:`body_meshes`.
+
+    Raises:
+        ImportError: trimesh is not installed.
+        ValueError: The pose or the shape is another.
     """
     trimesh = _trimesh()
     model = load_model()
     data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
+    set_pose(model, data, np.asarray(qpos, dtype=np.float64))
     scene = trimesh.Scene()
     for number, (body, mesh) in enumerate(body_meshes(model, shape)):
         scene.add_geometry(mesh, node_name=f"{model.body(body).name}_{number}", transform=body_transform(data, body))

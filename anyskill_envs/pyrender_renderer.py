@@ -57,9 +57,10 @@ class PyrenderRenderer:
             raise ValueError(f"The picture must have at least one pixel, not {width} x {height}.")
         self.backend = choose_backend()
         # pyrender reads it when it is imported; the same library as MuJoCo's, for a process can hold only one.
-        os.environ["PYOPENGL_PLATFORM"] = self.backend if self.backend in ("egl", "osmesa") else ""
-        if not os.environ["PYOPENGL_PLATFORM"]:
-            del os.environ["PYOPENGL_PLATFORM"]
+        if self.backend in ("egl", "osmesa"):
+            os.environ["PYOPENGL_PLATFORM"] = self.backend
+        else:
+            os.environ.pop("PYOPENGL_PLATFORM", None)
         try:
             import pyrender
         except ImportError as error:
@@ -114,12 +115,9 @@ class PyrenderRenderer:
             RenderingError: the GL context cannot be created.
         """
         qpos = np.asarray(qpos, dtype=np.float64)
-        pose_size = self.model.nq + 7 * self.model.nmocap
-        if qpos.shape != (pose_size,):
-            raise ValueError(f"A pose must have the shape ({pose_size},), not {qpos.shape}.")
+        set_pose(self.model, self._data, qpos)
         if self._drawing is None:
             self._drawing = self._start()
-        set_pose(self.model, self._data, qpos)
         for body, node in self._nodes:
             self._scene.set_pose(node, body_transform(self._data, body))
         floor = np.eye(4)

@@ -176,7 +176,14 @@ def _create_context(backend: str, width: int, height: int) -> Any:
 
 
 def set_pose(model: mujoco.MjModel, data: mujoco.MjData, pose: NDArray[np.float64]) -> None:
-    """Puts a pose of a scene into `data` and computes where all bodies are."""
+    """Puts a pose of a scene into `data` and computes where all bodies are.
+
+    Raises:
+        ValueError: the pose has another shape.
+    """
+    size = model.nq + 7 * model.nmocap
+    if pose.shape != (size,):
+        raise ValueError(f"A pose must have the shape ({size},), not {pose.shape}.")
     data.qpos[:] = pose[: model.nq]
     anchors = pose[model.nq :].reshape(-1, 7)
     data.mocap_pos[:], data.mocap_quat[:] = anchors[:, :3], anchors[:, 3:]
@@ -317,13 +324,10 @@ class HumanoidRenderer:
             RenderingError: the GL context cannot be created.
         """
         qpos = np.asarray(qpos, dtype=np.float64)
-        pose_size = self.model.nq + 7 * self.model.nmocap
-        if qpos.shape != (pose_size,):
-            raise ValueError(f"A pose must have the shape ({pose_size},), not {qpos.shape}.")
+        set_pose(self.model, self._data, qpos)
         if self._context is None:
             self._start()
         self._context.make_current()
-        set_pose(self.model, self._data, qpos)
         mujoco.mj_camlight(self.model, self._data)
         position, target = camera.placed(qpos, self._data.xpos[self._object_bodies])
         ray = target - position

@@ -129,9 +129,10 @@ def test_episodes_in_a_scene_are_judged(controller_file):
 
 
 def test_a_wrong_environment_is_told_with_those_that_exist(tmp_path):
-    config = TrainConfig("kick the ball", env="HumanoidFootball-v0", output=tmp_path / "run")
-    with pytest.raises(ValueError, match="no environment 'HumanoidFootball-v0'.*HumanoidSoccer-v0"):
-        train(config)
+    for wrong in ("HumanoidFootball-v0", "HumanoidLatent-v0"):
+        config = TrainConfig("kick the ball", env=wrong, output=tmp_path / "run")
+        with pytest.raises(ValueError, match=f"no environment '{wrong}' that takes a text.*HumanoidSoccer-v0"):
+            train(config)
     assert not (tmp_path / "run").exists()
     assert list(scene_of(environment_id(TrainConfig("kick the ball", env="HumanoidSoccer-v0"))).parts) == ["ball"]
 

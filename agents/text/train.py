@@ -81,16 +81,19 @@ def environment_id(config: TrainConfig) -> str:
     """The environment of a run, for `gym.make`.
 
     Raises:
-        ValueError: There is no such environment.
+        ValueError: There is no such environment, or it takes no text.
     """
     import gymnasium as gym
+    from gymnasium.envs.registration import load_env_creator
 
-    import anyskill_envs  # noqa: F401  (registers the environments)
+    from anyskill_envs.text import HumanoidTextEnv
 
-    if config.env not in gym.registry:
+    entry = gym.registry[config.env].entry_point if config.env in gym.registry else None
+    made_by = load_env_creator(entry) if isinstance(entry, str) else entry
+    if not (isinstance(made_by, type) and issubclass(made_by, HumanoidTextEnv)):
         known = [name for name, spec in gym.registry.items() if str(spec.entry_point).startswith("anyskill_envs.text:")]
         raise ValueError(
-            f"There is no environment {config.env!r}; those that learn from a text are: {', '.join(known)}."
+            f"There is no environment {config.env!r} that takes a text; those that do are: {', '.join(known)}."
         )
     return f"anyskill_envs:{config.env}"
 
