@@ -89,7 +89,7 @@ def environment_id(config: TrainConfig) -> str:
     from anyskill_envs.text import HumanoidTextEnv
 
     entry = gym.registry[config.env].entry_point if config.env in gym.registry else None
-    made_by = load_env_creator(entry) if isinstance(entry, str) else entry
+    made_by: Any = load_env_creator(entry) if isinstance(entry, str) else entry
     if not (isinstance(made_by, type) and issubclass(made_by, HumanoidTextEnv)):
         known = [name for name, spec in gym.registry.items() if str(spec.entry_point).startswith("anyskill_envs.text:")]
         raise ValueError(
