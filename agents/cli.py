@@ -57,8 +57,13 @@ COMMANDS: dict[str, Command] = {
         },
     ),
     "encoder": Command(
-        "train the bundled text and image encoder, or export a CLIP-like model",
-        subcommands={"train": "agents.encoder.train:train", "export": "agents.encoder.onnx_command:export"},
+        "measure an encoder, fit its state projection, train the bundled one, export a CLIP-like model",
+        subcommands={
+            "evaluate": "agents.encoder.evaluate_command:evaluate_command",
+            "project": "agents.encoder.project_command:project",
+            "train": "agents.encoder.train:train",
+            "export": "agents.encoder.onnx_command:export",
+        },
     ),
     "texts": Command(
         "make instructions of captions: filter, score, rewrite",

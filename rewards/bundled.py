@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from motion_data.skeleton import HUMANOID_XML
 from rewards.base import FloatArray
 from rewards.minilm import WEIGHTS_SHA256, load_minilm, verified_folder
+from rewards.projection import OBSERVATION_SIZE, state_inputs
 
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 """The bundled encoder's files; its model card lies beside them."""
 FORMAT_VERSION = "1"
-OBSERVATION_SIZE = 223
 FILM_FRAMES = 4
 """Frames of a short film that the image tower reads, 0.13 s apart."""
 
@@ -142,21 +142,7 @@ class BundledEncoder:
         Raises:
             ValueError: the observations have another size, or the state of a known object has.
         """
-        observation = np.asarray(observation, dtype=np.float32)
-        if observation.ndim != 2 or observation.shape[1] != OBSERVATION_SIZE:
-            raise ValueError(f"Observations must be (n, {OBSERVATION_SIZE}), got {observation.shape}.")
-        if not self.object_sizes:
-            return self._state({"observation": observation})
-        blocks = []
-        for name, size in self.object_sizes.items():
-            state = (objects or {}).get(name)
-            block = np.zeros((len(observation), 1 + size), np.float32)
-            if state is not None:
-                if state.shape != (len(observation), size):
-                    raise ValueError(f"States of {name!r} must be ({len(observation)}, {size}), got {state.shape}.")
-                block[:, 0], block[:, 1:] = 1.0, state
-            blocks.append(block)
-        return self._state({"observation": observation, "objects": np.concatenate(blocks, axis=1)})
+        return self._state(state_inputs(self.object_sizes, observation, objects))
 
     def encode_text(self, texts: Sequence[str]) -> FloatArray:
         """Unit features (k, d) of k texts.

@@ -66,9 +66,12 @@ class ClipLikeEncoder(ABC):
         """Not possible: a model of pictures and texts knows no states.
 
         Raises:
-            NotImplementedError: always.
+            NotImplementedError: always; the message says how to make a projection.
         """
-        raise NotImplementedError(f"The encoder '{self.name}' has no state projection: use source=\"frames\".")
+        raise NotImplementedError(
+            f"The encoder '{self.name}' has no state projection: make one with `anyskill encoder project --encoder "
+            f'NAME_OR_FOLDER`, or use source="frames".'
+        )
 
     @abstractmethod
     def _encode_texts(self, texts: list[str]) -> FloatArray:

@@ -52,7 +52,8 @@ class SceneEncoder(Protocol):
 HUB_PREFIX = "hf:"
 _TRANSFORMERS_ENCODER = "rewards.transformers_encoder:TransformersEncoder"
 _ONNX_ENCODER = "rewards.onnx_encoder:OnnxEncoder"
-_ENCODERS: dict[str, str | Callable[..., Encoder]] = {"bundled": "rewards.bundled:BundledEncoder"}
+_BUNDLED_ENCODER = "rewards.bundled:BundledEncoder"
+_ENCODERS: dict[str, str | Callable[..., Encoder]] = {"bundled": _BUNDLED_ENCODER}
 
 
 def encoder_names() -> list[str]:
@@ -75,24 +76,39 @@ def register_encoder(name: str, target: str | Callable[..., Encoder]) -> None:
     _ENCODERS[name] = target
 
 
-def load_encoder(name: str = "bundled", **kwargs: Any) -> Encoder:
+def load_encoder(name: str = "bundled", *, projection: str | Path | bool = True, **kwargs: Any) -> Encoder:
     """Build an encoder by name.
+
+    An encoder that knows no states gets the state projection that `anyskill encoder project` has cached for it, if it has;
+    rewards then need no pictures.
 
     Args:
         name: one of `encoder_names()`; or "hf:" and the name of a CLIP-like model on the Hugging Face hub, such as
             "hf:laion/CLIP-ViT-B-32-laion2B-s34B-b79K" (the paper's); or the folder of such a model, or of one that
-            `anyskill encoder export` has written.
+            `anyskill encoder export` has written, or of one that `anyskill encoder train --out` has written.
+        projection: file of another state projection; False for none.
         **kwargs: arguments of the encoder's constructor.
 
     Raises:
-        ValueError: no encoder has this name; the message lists those that exist.
+        ValueError: no encoder has this name; the message lists those that exist. Or the projection does not fit.
     """
+    encoder = _load(name, **kwargs)
+    if projection is False or (projection is True and getattr(encoder, "has_state_projection", True)):
+        return encoder
+    from rewards.projection import with_projection
+
+    return with_projection(encoder, name, None if projection is True else projection)
+
+
+def _load(name: str, **kwargs: Any) -> Encoder:
     if name in _ENCODERS:
         return _build(_ENCODERS[name], **kwargs)
     if name.startswith(HUB_PREFIX):
         return _build(_TRANSFORMERS_ENCODER, name=name.removeprefix(HUB_PREFIX), **kwargs)
     if (Path(name) / "image.onnx").is_file() and (Path(name) / "text.onnx").is_file():
         return _build(_ONNX_ENCODER, folder=name, **kwargs)
+    if (Path(name) / "state_projection.onnx").is_file() and (Path(name) / "text_head.onnx").is_file():
+        return _build(_BUNDLED_ENCODER, folder=name, **kwargs)
     if Path(name).is_dir():
         return _build(_TRANSFORMERS_ENCODER, name=name, **kwargs)
     raise ValueError(

@@ -35,7 +35,8 @@ class SimilarityReward:
         projects = getattr(self.encoder, "has_state_projection", True)
         if source == "state" and not projects:
             raise ValueError(
-                f'The encoder {encoder!r} has no state projection: choose source="frames", or leave source out.'
+                f"The encoder {encoder!r} has no state projection: make one with `anyskill encoder project --encoder NAME`, "
+                'choose source="frames", or leave source out.'
             )
         self.source: Source = source or ("state" if projects else "frames")
         self.needs: frozenset[str] = frozenset({self.source, "text"})

@@ -1,6 +1,7 @@
-"""Small real models for tests: an ONNX controller with the true contract, and an encoder of texts and states."""
+"""Small real models for tests: an ONNX controller with the true contract, a random CLIP, an encoder of texts and states."""
 
 import hashlib
+import string
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,39 @@ def write_controller(folder: Path, swing: float = 0.01, hidden: int = 64, **over
         standing=np.repeat([False, True, True, True], 3),
     )
     return path
+
+
+def write_clip(folder: Path, seed: int = 0) -> Path:
+    """Write a random CLIP of two tiny towers, saved as a downloaded model is; needs torch and transformers.
+
+    Args:
+        folder: Where.
+        seed: Seed of the weights.
+
+    Returns:
+        The folder.
+    """
+    import torch
+    import transformers
+
+    words = ["<|startoftext|>", "<|endoftext|>", *string.ascii_lowercase]
+    vocabulary = {word: index for index, word in enumerate(words + [f"{letter}</w>" for letter in words[2:]])}
+    tower = {"hidden_size": 16, "intermediate_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2}
+    config = transformers.CLIPConfig(
+        text_config=tower
+        | {"vocab_size": len(vocabulary), "max_position_embeddings": 20, "bos_token_id": 0, "eos_token_id": 1},
+        vision_config=tower | {"image_size": 32, "patch_size": 8},
+        projection_dim=12,
+    )
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        transformers.CLIPModel(config).save_pretrained(folder)
+    transformers.CLIPTokenizer(vocab=vocabulary, merges=[]).save_pretrained(folder)
+    # Not CLIP's own numbers: the preprocessing must come from the folder.
+    transformers.CLIPImageProcessorPil(
+        size={"shortest_edge": 36}, crop_size={"height": 32, "width": 32}, image_mean=[0.3, 0.4, 0.5]
+    ).save_pretrained(folder)
+    return folder
 
 
 class SmallEncoder:

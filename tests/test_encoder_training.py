@@ -7,8 +7,11 @@ pytest.importorskip("torch")
 
 import torch
 
+from agents.encoder.config import EncoderConfig
 from agents.encoder.dataset import MotionSet, smooth_path
-from agents.encoder.train import EncoderConfig, grading_loss, motion_library, train
+from agents.encoder.material import motion_library
+from agents.encoder.towers import grading_loss
+from agents.encoder.train import train
 from motion_data.skeleton import rest_qpos
 from rewards.bundled import BundledEncoder
 

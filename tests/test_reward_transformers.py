@@ -1,11 +1,11 @@
 """Encoders from `transformers`: parity with plain calls on a small random CLIP, and errors that help."""
 
 import pickle
-import string
 import sys
 
 import numpy as np
 import pytest
+from small_models import write_clip
 
 from rewards import RewardBatch, load_encoder, make_reward
 from rewards.encoders import Encoder
@@ -18,26 +18,7 @@ TEXTS = ["wave the right hand", "squat", "raise both arms above the head and hol
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A CLIP of two tiny towers, saved as a downloaded model is."""
-    words = ["<|startoftext|>", "<|endoftext|>", *string.ascii_lowercase]
-    vocabulary = {word: index for index, word in enumerate(words + [f"{letter}</w>" for letter in words[2:]])}
-    tower = {"hidden_size": 16, "intermediate_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2}
-    config = transformers.CLIPConfig(
-        text_config=tower
-        | {"vocab_size": len(vocabulary), "max_position_embeddings": 20, "bos_token_id": 0, "eos_token_id": 1},
-        vision_config=tower | {"image_size": 32, "patch_size": 8},
-        projection_dim=12,
-    )
-    path = tmp_path_factory.mktemp("clip")
-    with torch.random.fork_rng():
-        torch.manual_seed(0)
-        transformers.CLIPModel(config).save_pretrained(path)
-    transformers.CLIPTokenizer(vocab=vocabulary, merges=[]).save_pretrained(path)
-    # Not CLIP's own numbers: the preprocessing must come from the folder.
-    transformers.CLIPImageProcessorPil(
-        size={"shortest_edge": 36}, crop_size={"height": 32, "width": 32}, image_mean=[0.3, 0.4, 0.5]
-    ).save_pretrained(path)
-    return path
+    return write_clip(tmp_path_factory.mktemp("clip"))
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -48,6 +49,9 @@ _SYNONYMS = (
 )
 # The arms can do one thing while the legs, the trunk or the whole body do another.
 _PARTNERS = (("arms", "legs"), ("arms", "travel"), ("arms", "trunk"), ("trunk", "legs"))
+_WHOLE_SENTENCE = re.compile(
+    r"^(a person|the foot|the ball|a foot|a chair)\b"
+)  # captions that are whole sentences already
 _JOINTS = ("{0} and {1}", "{1} and {0}", "{0} while {2}", "{3} while {1}", "{0}, {1}", "{1} with {0}")
 
 
@@ -93,26 +97,72 @@ def with_synonyms(phrase: str, rng: np.random.Generator) -> str:
     return words.strip()
 
 
-def variants(phrase: str) -> list[str]:
-    """Other ways to say a phrase, without the phrase itself."""
-    texts = [f"{phrase} please", f"now {phrase}"]
+@dataclass(frozen=True)
+class Templates:
+    """Ways to say a phrase, in which {0} is the phrase, {1} it in the third person and {2} as a gerund.
+
+    Attributes:
+        plain: for any phrase.
+        verbal: for phrases that start with a verb.
+        nominal: for those that do not, such as "hands up".
+    """
+
+    plain: tuple[str, ...]
+    verbal: tuple[str, ...]
+    nominal: tuple[str, ...]
+
+
+TEMPLATES = {
+    "reward": Templates(
+        ("{0} please", "now {0}"),
+        (
+            "the humanoid {1}",
+            "a person {1}",
+            "someone {1}",
+            "a robot {1}",
+            "{2}",
+            "a person {2}",
+            "a person is {2}",
+            "a humanoid robot {2}",
+            "try to {0}",
+            "the humanoid should {0}",
+        ),
+        ("a humanoid, {0}", "a person with {0}", "pose: {0}"),
+    ),
+    "evaluator": Templates(
+        ("{0} now", "please, {0}"),
+        (
+            "this figure {1}",
+            "he {1}",
+            "she {1}",
+            "one {1}",
+            "here somebody is {2}",
+            "the picture shows a body {2}",
+            "an athlete {2}",
+            "a character who {1}",
+            "start to {0}",
+            "we see a man {2}",
+        ),
+        ("a figure, {0}", "a body with {0}", "what is seen: {0}"),
+    ),
+}
+"""Templates of the encoder that rewards, and of the independent evaluator: no wording is in both."""
+
+
+def variants(phrase: str, style: str = "reward") -> list[str]:
+    """Other ways to say a phrase, without the phrase itself.
+
+    Args:
+        phrase: the phrase.
+        style: whose templates to take, a key of `TEMPLATES`.
+    """
+    templates = TEMPLATES[style]
+    if _WHOLE_SENTENCE.match(phrase):  # "a person kicks the ball" needs no person before it
+        return [text.format(phrase) for text in templates.nominal[-1:]]
     third, doing = third_person(phrase), gerund(phrase)
-    if third is not None and doing is not None:
-        texts += [
-            f"the humanoid {third}",
-            f"a person {third}",
-            f"someone {third}",
-            f"a robot {third}",
-            doing,
-            f"a person {doing}",
-            f"a person is {doing}",
-            f"a humanoid robot {doing}",
-            f"try to {phrase}",
-            f"the humanoid should {phrase}",
-        ]
-    else:
-        texts += [f"a humanoid, {phrase}", f"a person with {phrase}", f"pose: {phrase}"]
-    return texts
+    verbal = third is not None and doing is not None
+    chosen = templates.plain + (templates.verbal if verbal else templates.nominal)
+    return [text.format(phrase, third, doing) for text in chosen]
 
 
 @dataclass(frozen=True)
@@ -175,6 +225,7 @@ def write_captions(
     variants_per_phrase: int = 2,
     held_out_share: float = 0.12,
     concepts: Sequence[Concept] | None = None,
+    style: str = "reward",
 ) -> CaptionSet:
     """Writes the captions.
 
@@ -185,6 +236,7 @@ def write_captions(
         held_out_share: share of the phrases that are kept for evaluation; never the first of a concept. A phrase and
             its mirror image are kept together.
         concepts: concepts to write about; all of them if None.
+        style: whose templates to take, a key of `TEMPLATES`.
 
     Returns:
         The captions.
@@ -205,7 +257,7 @@ def write_captions(
                 held_out.append(Caption(phrase, (index,)))
                 continue
             training.append(Caption(phrase, (index,)))
-            others = variants(phrase)
+            others = variants(phrase, style)
             chosen = rng.choice(len(others), size=min(variants_per_phrase, len(others)), replace=False)
             training += [Caption(with_synonyms(others[choice], rng), (index,)) for choice in chosen]
             training += [Caption(with_synonyms(phrase, rng), (index,)) for _ in range(2)]

@@ -1,4 +1,4 @@
-"""Short motions for the encoder: clips, mixtures of clips, random limbs, and simulated bodies that follow or fall."""
+"""Short motions for the encoder: clips, mixtures of clips, random limbs, simulated bodies, and scenes with objects."""
 
 from __future__ import annotations
 
@@ -12,23 +12,27 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from agents.encoder.concepts import Concept
-from agents.encoder.measurements import WINDOW, Measurements
+from agents.encoder.measurements import WINDOW, Array, Measurements
+from agents.encoder.relations import ObjectTrack, relation_truth
+from agents.encoder.rollouts import Tracks, controller_tracks, simulated_tracks
+from agents.encoder.scenes import ObjectLayout, favoured_clips, training_placements
 from anyskill_envs.controller import CONTROLLER_FILE, LowLevelController
+from anyskill_envs.objects.scene import Scene
+from anyskill_envs.objects.state import object_states, object_vectors
 from anyskill_envs.observation import OBSERVATION_SIZE
 from anyskill_envs.simulation import HumanoidSimulation
 from motion_data.clip import MotionClip
-from motion_data.skeleton import JOINT_NAMES, differentiate, joint_limits, lowest_point
+from motion_data.skeleton import FRAME_RATE, JOINT_NAMES, differentiate, joint_limits, lowest_point
 
 log = logging.getLogger(__name__)
 
 FILM_FRAMES = (2, 6, 10, 14)
 """Frames of a short motion that the image tower sees: four over 0.4 s."""
-SOURCES = ("clips", "mixtures", "random_limbs", "simulated", "controller")
+SOURCES = ("clips", "mixtures", "random_limbs", "simulated", "controller", "scenes")
 
 _UPPER = np.array([not any(part in name for part in ("hip", "knee", "ankle")) for name in JOINT_NAMES])
 _TRUNK = np.array([name.startswith(("abdomen", "neck")) for name in JOINT_NAMES])
 _ARMS = _UPPER & ~_TRUNK
-_Tracks = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -38,9 +42,12 @@ class MotionSet:
     Attributes:
         observations: observation at the last frame, float32 `(n, 223)`.
         truths: how far each concept is true, float16 `(n, concepts)`.
-        films: poses of the four frames that the image tower sees, float32 `(n, 4, 35)`.
+        films: poses of the four frames that the image tower sees, float32 `(n, 4, 35)`; with scenes among the motions as
+            wide as the largest pose of a scene, and 0 beyond the pose.
         sources: index into `SOURCES`, `(n,)`.
         clips: name of the clip that the motion comes from, or "".
+        objects: second input of the state tower, float32 `(n, m)`; m is 0 without objects.
+        scenes: which object is there: index into the names of the layout, -1 for none, `(n,)`.
     """
 
     observations: NDArray[np.float32]
@@ -48,6 +55,8 @@ class MotionSet:
     films: NDArray[np.float32]
     sources: NDArray[np.int64]
     clips: NDArray[np.str_]
+    objects: NDArray[np.float32]
+    scenes: NDArray[np.int64]
 
     def __len__(self) -> int:
         """Number of motions."""
@@ -113,11 +122,13 @@ class MotionSource:
         self.limits = joint_limits()
 
     def clip(self) -> tuple[NDArray[np.float64], str]:
-        """A piece of a clip at a random speed; a shorter clip stands still at its end."""
+        """A piece of a clip at a random speed; a shorter gait goes on, another shorter clip stands still at its end."""
         source = self.clips[self.rng.integers(len(self.clips))]
         name = source.name
         if self.rng.random() < 0.6:
             source = source.at_speed(float(self.rng.choice([0.7, 0.85, 1.2, 1.4])))
+        if source.loop:
+            source = source.repeated((self.frames + WINDOW) / FRAME_RATE)
         qpos = np.array(source.qpos)
         start = self.rng.integers(max(1, len(qpos) - self.frames + 1))
         piece = qpos[start : start + self.frames]
@@ -175,93 +186,101 @@ def kinematic_tracks(motions: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np
     return poses, velocities
 
 
-def simulated_tracks(rng: np.random.Generator, poses: NDArray[np.float64], velocities: NDArray[np.float64]) -> _Tracks:
-    """What bodies do that follow motions by their joint targets alone, with pushes: they sway, stumble, fall and lie.
+@dataclass(frozen=True)
+class _Recorded:
+    """What a simulation of tracks shows, `(frames, n, ...)`: places of everything, observations, states of objects."""
 
-    Args:
-        rng: draws pushes.
-        poses: motions to follow, `(frames, n, 35)`.
-        velocities: their velocities, `(frames, n, 34)`.
+    positions: NDArray[np.float32]
+    quaternions: NDArray[np.float32]
+    observations: NDArray[np.float32]
+    vectors: NDArray[np.float32]
 
-    Returns:
-        Simulated poses and velocities, of the same shapes.
-    """
+
+def _record(tracks: Tracks, scene: Scene) -> _Recorded:
+    poses, velocities = tracks
     frames, count, _ = poses.shape
-    simulation = HumanoidSimulation(count, num_threads=1)
-    simulation.reset(np.arange(count), poses[0], velocities[0])
-    record_poses, record_velocities = np.empty_like(poses), np.empty_like(velocities)
+    simulation = HumanoidSimulation(count, num_threads=1, scene=scene)
+    bodies = simulation.model.nbody
+    recorded = _Recorded(
+        np.empty((frames, count, bodies, 3), np.float32),
+        np.empty((frames, count, bodies, 4), np.float32),
+        np.empty((frames, count, OBSERVATION_SIZE), np.float32),
+        np.empty((frames, count, scene.state_size), np.float32),
+    )
     for frame in range(frames):
-        record_poses[frame], record_velocities[frame] = simulation.qpos, simulation.qvel
-        if frame % 10 == 0:
-            simulation.push("torso", rng.normal(0, 120.0, (count, 3)) * (rng.random((count, 1)) < 0.15))
-        simulation.step(poses[frame, :, 7:] + 0.05 * velocities[frame, :, 6:])
-    return record_poses, record_velocities
-
-
-def controller_tracks(rng: np.random.Generator, count: int, frames: int, controller: LowLevelController) -> _Tracks:
-    """What the frozen controller does with latents of clips, between clips and at random, renewed at random times."""
-    simulation = HumanoidSimulation(count, num_threads=1)
-    library = controller.latents
-
-    def draw(size: int) -> NDArray[np.float64]:
-        first, second = library[rng.integers(len(library), size=(2, size))]
-        mixed = np.where(rng.random((size, 1)) < 0.6, first, first + second * rng.random((size, 1)))
-        mixed = mixed + rng.normal(0, 0.3, mixed.shape) * (rng.random((size, 1)) < 0.3)
-        return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
-
-    latents = draw(count)
-    poses, velocities = np.empty((frames, count, 35)), np.empty((frames, count, 34))
-    for frame in range(frames):
-        renewed = np.flatnonzero(rng.random(count) < 0.04)
-        latents[renewed] = draw(len(renewed))
-        poses[frame], velocities[frame] = simulation.qpos, simulation.qvel
-        simulation.step(controller.act(simulation.observation(), latents.astype(np.float32)))
-    return poses, velocities
+        simulation.reset(np.arange(count), poses[frame], velocities[frame])
+        recorded.positions[frame] = simulation.world_positions
+        recorded.quaternions[frame] = simulation.world_quaternions
+        recorded.observations[frame] = simulation.observation()
+        recorded.vectors[frame] = object_vectors(simulation)
+    return recorded
 
 
 def windows_of_tracks(
     rng: np.random.Generator,
-    tracks: _Tracks,
+    tracks: Tracks,
     concepts: Sequence[Concept],
     source: str,
     per_track: int,
     names: Sequence[str] | None = None,
+    layout: ObjectLayout | None = None,
+    item: str = "",
 ) -> MotionSet:
     """Cuts short motions out of tracks and measures them.
 
     Args:
         rng: draws where to cut.
-        tracks: poses `(frames, n, 35)` and velocities `(frames, n, 34)`.
+        tracks: poses and velocities.
         concepts: what to measure.
         source: one of `SOURCES`.
         per_track: motions per track.
         names: name of each track's clip.
+        layout: the objects that the state tower is told about, if any.
+        item: the object that is in the scene, one of the layout's; "" for none.
 
     Returns:
         n times `per_track` motions.
     """
-    poses, velocities = tracks
+    layout = ObjectLayout(()) if layout is None else layout
+    scene = layout.scenes[item] if item else Scene()
+    poses, _ = tracks
     frames, count, _ = poses.shape
-    simulation = HumanoidSimulation(count, num_threads=1)
-    positions = np.empty((frames, count, 15, 3), np.float32)
-    quaternions = np.empty((frames, count, 15, 4), np.float32)
-    observations = np.empty((frames, count, OBSERVATION_SIZE), np.float32)
-    for frame in range(frames):
-        simulation.reset(np.arange(count), poses[frame], velocities[frame])
-        positions[frame], quaternions[frame] = simulation.body_positions, simulation.body_quaternions
-        observations[frame] = simulation.observation()
+    recorded = _record(tracks, scene)
     ends = rng.integers(WINDOW - 1, frames, size=(per_track, count)).ravel()
-    tracks_index = np.tile(np.arange(count), per_track)
+    rows = np.tile(np.arange(count), per_track)
     index = ends[:, None] - (WINDOW - 1) + np.arange(WINDOW)
-    measured = Measurements(
-        positions[index, tracks_index[:, None]].astype(np.float64),
-        quaternions[index, tracks_index[:, None]].astype(np.float64),
+    positions = recorded.positions[index, rows[:, None]].astype(np.float64)
+    quaternions = recorded.quaternions[index, rows[:, None]].astype(np.float64)
+    measured = Measurements(positions[:, :, 1:16], quaternions[:, :, 1:16])
+    vectors = recorded.vectors[ends, rows]
+    objects = _objects_of(scene, positions, quaternions, vectors)
+    films = np.zeros((len(ends), len(FILM_FRAMES), _film_width(layout)), np.float32)
+    films[:, :, : poses.shape[2]] = poses[index[:, FILM_FRAMES], rows[:, None]]
+    return MotionSet(
+        observations=recorded.observations[ends, rows],
+        truths=np.stack([_truth(concept, measured, objects) for concept in concepts], 1).astype(np.float16),
+        films=films,
+        sources=np.full(len(ends), SOURCES.index(source)),
+        clips=np.array(names if names is not None else [""] * count)[rows].astype("<U48"),
+        objects=layout.fill(item, vectors) if item else np.zeros((len(ends), layout.size), np.float32),
+        scenes=np.full(len(ends), layout.names.index(item) if item else -1),
     )
-    truths = np.stack([concept.rule(measured) for concept in concepts], 1).astype(np.float16)
-    films = poses[index[:, FILM_FRAMES], tracks_index[:, None]].astype(np.float32)
-    clips = np.array(names if names is not None else [""] * count)[tracks_index]
-    sources = np.full(len(ends), SOURCES.index(source))
-    return MotionSet(observations[ends, tracks_index], truths, films, sources, clips.astype("<U48"))
+
+
+def _objects_of(
+    scene: Scene, positions: Array, quaternions: Array, vectors: NDArray[np.float32]
+) -> dict[str, ObjectTrack]:
+    states = object_states(scene, vectors)
+    return {name: ObjectTrack(scene, part, positions, quaternions, states[name]) for name, part in scene.parts.items()}
+
+
+def _film_width(layout: ObjectLayout) -> int:
+    return max([scene.pose_size for scene in layout.scenes.values()], default=Scene().pose_size)
+
+
+def _truth(concept: Concept, measured: Measurements, objects: dict[str, ObjectTrack]) -> Array:
+    truth = relation_truth(concept.name, measured, objects) if objects else None
+    return concept.rule(measured) if truth is None else truth
 
 
 def generate(
@@ -272,6 +291,7 @@ def generate(
     tracks: int = 128,
     per_track: int = 16,
     controller: Path | None = CONTROLLER_FILE,
+    layout: ObjectLayout | None = None,
 ) -> Iterator[MotionSet]:
     """Makes the short motions, one source after another.
 
@@ -282,24 +302,33 @@ def generate(
         rounds: how often all sources are drawn from.
         tracks: tracks per source and round.
         per_track: short motions cut from each.
-        controller: the frozen controller, whose motions are a source if the file exists.
+        controller: the frozen controller, whose motions are two sources if the file exists.
+        layout: objects that scenes hold, one at a time; no scenes without.
 
     Yields:
         One set per source and round.
     """
+    layout = ObjectLayout(()) if layout is None else layout
     source = MotionSource(clips, rng)
     frozen = LowLevelController.load(controller) if controller is not None and Path(controller).is_file() else None
+
+    def cut(motions: Tracks, kind: str, names: Sequence[str] | None = None, item: str = "") -> MotionSet:
+        return windows_of_tracks(rng, motions, concepts, kind, per_track, names, layout, item)
+
     for _ in range(rounds):
         chosen = [source.clip() for _ in range(tracks)]
         clip_tracks = kinematic_tracks([motion for motion, _ in chosen])
-        names = [name for _, name in chosen]
-        yield windows_of_tracks(rng, clip_tracks, concepts, "clips", per_track, names)
-        mixtures = kinematic_tracks([source.mixture() for _ in range(tracks)])
-        yield windows_of_tracks(rng, mixtures, concepts, "mixtures", per_track)
+        yield cut(clip_tracks, "clips", [name for _, name in chosen])
+        yield cut(kinematic_tracks([source.mixture() for _ in range(tracks)]), "mixtures")
         limbs = kinematic_tracks([source.random_limbs() for _ in range(tracks)])
-        yield windows_of_tracks(rng, limbs, concepts, "random_limbs", per_track)
+        yield cut(limbs, "random_limbs")
         followed = simulated_tracks(rng, *(np.concatenate(pair, 1) for pair in zip(clip_tracks, limbs, strict=True)))
-        yield windows_of_tracks(rng, followed, concepts, "simulated", per_track)
-        if frozen is not None:
-            rolled = controller_tracks(rng, tracks, 150, frozen)
-            yield windows_of_tracks(rng, rolled, concepts, "controller", per_track)
+        yield cut(followed, "simulated")
+        if frozen is None:
+            continue
+        yield cut(controller_tracks(rng, tracks, 150, frozen, source.clips), "controller")
+        for item, scene in layout.scenes.items():
+            for places in training_placements(scene):
+                share = max(2, tracks // (2 * len(layout.scenes)))
+                moved = controller_tracks(rng, share, 120, frozen, (), scene, places, favoured_clips(item))
+                yield cut(moved, "scenes", item=item)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +18,21 @@ from anyskill_envs.observation import OBSERVATION_LAYOUT
 from rewards.bundled import FILM_FRAMES, OBSERVATION_SIZE, contract
 from rewards.minilm import TOKEN_SIZE
 
-VERSION = "1"
+VERSION = "2"
 _TOLERANCE = 1e-4
 
 
-def _write(module: nn.Module, inputs: dict[str, Tensor], dynamic: tuple, path: Path, metadata: dict[str, str]) -> None:
-    """Exports a module whole or not at all.
+def write_module(
+    module: nn.Module, inputs: dict[str, Tensor], dynamic: tuple, path: Path, metadata: dict[str, str]
+) -> None:
+    """Exports a module whole or not at all; its output is called "feature".
+
+    Args:
+        module: the module.
+        inputs: an example of each input, by name.
+        dynamic: for each input which of its axes may have any length.
+        path: the file.
+        metadata: what the file says of itself.
 
     Raises:
         RuntimeError: the file gives another result than torch.
@@ -57,7 +68,36 @@ def _write(module: nn.Module, inputs: dict[str, Tensor], dynamic: tuple, path: P
     os.replace(temporary, path)
 
 
-def export_towers(folder: Path, state: StateTower, text: TextHead, feature_size: int, trained_on: str) -> None:
+def write_state_tower(
+    path: Path, state: StateTower, metadata: Mapping[str, str], object_sizes: Mapping[str, int]
+) -> None:
+    """Writes a state tower.
+
+    Args:
+        path: the file.
+        state: the tower.
+        metadata: what the file says of itself, beside the layout of its inputs.
+        object_sizes: which objects its second input is about, and how many numbers it takes of each; empty for none.
+    """
+    generator = torch.Generator().manual_seed(0)
+    batch = torch.export.Dim("batch")
+    layout = str({name: [place.start, place.stop] for name, place in OBSERVATION_LAYOUT.items()})
+    inputs = {"observation": torch.randn(5, OBSERVATION_SIZE, generator=generator)}
+    details = {"observation_layout": layout}
+    if object_sizes:
+        inputs["objects"] = torch.randn(5, sum(1 + size for size in object_sizes.values()), generator=generator)
+        details["object_sizes"] = json.dumps(dict(object_sizes))
+    write_module(state, inputs, tuple({0: batch} for _ in inputs), path, {**metadata, **details})
+
+
+def export_towers(
+    folder: Path,
+    state: StateTower,
+    text: TextHead,
+    feature_size: int,
+    trained_on: str,
+    object_sizes: Mapping[str, int] | None = None,
+) -> None:
     """Writes the state projection and the text head.
 
     Args:
@@ -66,22 +106,15 @@ def export_towers(folder: Path, state: StateTower, text: TextHead, feature_size:
         text: the text head.
         feature_size: size of the shared space.
         trained_on: one line about the data, for the metadata.
+        object_sizes: see :func:`write_state_tower`.
     """
-    generator = torch.Generator().manual_seed(0)
-    batch, count, length = torch.export.Dim("batch"), torch.export.Dim("texts"), torch.export.Dim("tokens", max=512)
-    layout = str({name: [place.start, place.stop] for name, place in OBSERVATION_LAYOUT.items()})
+    generator = torch.Generator().manual_seed(1)
+    count, length = torch.export.Dim("texts"), torch.export.Dim("tokens", max=512)
     details = {"feature_size": str(feature_size), "version": VERSION, "trained_on": trained_on}
-    observation = torch.randn(5, OBSERVATION_SIZE, generator=generator)
-    _write(
-        state,
-        {"observation": observation},
-        ({0: batch},),
-        folder / "state_projection.onnx",
-        contract("state") | details | {"observation_layout": layout},
-    )
+    write_state_tower(folder / "state_projection.onnx", state, contract("state") | details, object_sizes or {})
     tokens, mask = torch.randn(3, 9, TOKEN_SIZE, generator=generator), torch.ones(3, 9)
     mask[0, 5:] = 0
-    _write(
+    write_module(
         text,
         {"tokens": tokens, "mask": mask},
         ({0: count, 1: length}, {0: count, 1: length}),
@@ -102,7 +135,7 @@ def export_image_tower(folder: Path, image: ImageTower, size: int, feature_size:
     """
     films = torch.randint(0, 256, (3, FILM_FRAMES, size, size, 3), generator=torch.Generator().manual_seed(0)).float()
     details = {"feature_size": str(feature_size), "version": VERSION, "trained_on": trained_on, "image_size": str(size)}
-    _write(
+    write_module(
         image,
         {"films": films},
         ({0: torch.export.Dim("batch")},),

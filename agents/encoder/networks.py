@@ -12,11 +12,11 @@ from rewards.minilm import TOKEN_SIZE
 
 
 class StateTower(nn.Module):
-    """Observation to feature: the state projection.
+    """Observation, and states of objects where it knows any, to feature: the state projection.
 
     Args:
-        mean: mean of each observation number, `(223,)`.
-        scale: its standard deviation, `(223,)`.
+        mean: mean of each input number, `(223,)`, or `(223 + m,)` with m numbers about objects.
+        scale: its standard deviation, of the same shape.
         feature_size: size of the shared space.
         hidden: width of both hidden layers.
     """
@@ -37,9 +37,10 @@ class StateTower(nn.Module):
             nn.Linear(hidden, feature_size),
         )
 
-    def forward(self, observation: Tensor) -> Tensor:
-        """Unit features `(n, d)` of observations `(n, 223)`."""
-        x = ((observation - self.mean) * self.inverse_scale).clamp(-6.0, 6.0)
+    def forward(self, observation: Tensor, objects: Tensor | None = None) -> Tensor:
+        """Unit features `(n, d)` of observations `(n, 223)` and states of objects `(n, m)`."""
+        x = observation if objects is None else torch.cat([observation, objects], dim=1)
+        x = ((x - self.mean) * self.inverse_scale).clamp(-6.0, 6.0)
         return functional.normalize(self.layers(x).float(), dim=-1)
 
 

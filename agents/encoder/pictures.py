@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ from tqdm import tqdm
 
 from agents.encoder.dataset import FILM_FRAMES, MotionSet
 from agents.encoder.networks import ImageTower
-from anyskill_envs.rendering import FRONT_CAMERA, Camera, HumanoidRenderer
+from agents.encoder.scenes import ObjectLayout
+from anyskill_envs.objects.scene import Scene
+from anyskill_envs.rendering import FRONT_CAMERA, SCENE_CAMERA, Camera, HumanoidRenderer
 from rewards.bundled import shrink
 
 log = logging.getLogger(__name__)
@@ -23,31 +26,63 @@ log = logging.getLogger(__name__)
 _RENDERED_SIZES = (224, 224, 128)
 
 
-def random_camera(rng: np.random.Generator) -> Camera:
-    """AnySkill's camera in one of three draws, else one near it: up to 25 degrees aside, 2.5 to 3.6 m away."""
-    if rng.random() < 1 / 3:
-        return FRONT_CAMERA
-    angle, distance = rng.uniform(-0.44, 0.44), rng.uniform(2.5, 3.6)
-    height = float(rng.uniform(0.7, 1.5))
-    return Camera((float(distance * np.cos(angle)), float(distance * np.sin(angle)), height))
+@dataclass(frozen=True)
+class CameraRange:
+    """Where the cameras stand that an image tower is trained with.
+
+    Attributes:
+        front: share of films from AnySkill's camera itself.
+        angle: most that a camera stands aside of the front, radians.
+        distance: shortest and longest distance, metres.
+        height: lowest and highest camera, metres.
+    """
+
+    front: float = 1 / 3
+    angle: float = 0.44
+    distance: tuple[float, float] = (2.5, 3.6)
+    height: tuple[float, float] = (0.7, 1.5)
+
+    def draw(self, rng: np.random.Generator) -> Camera:
+        """A camera from this range."""
+        if rng.random() < self.front:
+            return FRONT_CAMERA
+        angle, distance = rng.uniform(-self.angle, self.angle), rng.uniform(*self.distance)
+        height = float(rng.uniform(*self.height))
+        return Camera((float(distance * np.cos(angle)), float(distance * np.sin(angle)), height))
+
+    def of_scene(self, rng: np.random.Generator) -> Camera:
+        """A camera for a scene with objects: near the one that stands beside humanoid and object."""
+        across, along, height = SCENE_CAMERA.position
+        position = (
+            float(across + rng.normal(0, 0.3)),
+            float(along * rng.uniform(0.9, 1.1)),
+            float(height + rng.normal(0, 0.1)),
+        )
+        return replace(SCENE_CAMERA, position=position)
 
 
 def render_films(
-    poses: NDArray[np.float32], size: int, rng: np.random.Generator, cache: Path | None = None, front: bool = False
+    motions: MotionSet,
+    size: int,
+    rng: np.random.Generator,
+    cache: Path | None = None,
+    cameras: CameraRange | None = None,
+    layout: ObjectLayout | None = None,
 ) -> NDArray[np.uint8]:
     """Films of short motions, `(n, 4, size, size, 3)`.
 
     Args:
-        poses: the four poses of each film, `(n, 4, 35)`.
+        motions: the motions.
         size: pixels per side.
         rng: draws cameras.
         cache: a file that keeps the films; what it holds already is not drawn again.
-        front: always take AnySkill's camera.
+        cameras: where the cameras stand; always AnySkill's camera, or that of scenes, if None.
+        layout: the objects that the motions' scenes hold.
 
     Returns:
         The films, a memory map if there is a cache.
     """
-    shape = (len(poses), len(FILM_FRAMES), size, size, 3)
+    shape = (len(motions), len(FILM_FRAMES), size, size, 3)
     done = 0
     films: NDArray[np.uint8]
     if cache is not None:
@@ -57,20 +92,29 @@ def render_films(
         films = np.lib.format.open_memmap(cache, "r+" if resume else "w+", dtype=np.uint8, shape=shape)
     else:
         films = np.empty(shape, np.uint8)
-    renderers = [HumanoidRenderer(pixels, pixels) for pixels in dict.fromkeys(_RENDERED_SIZES)]
+    renderers: dict[tuple[int, int], HumanoidRenderer] = {}
+    scenes = [Scene()] if layout is None else [*layout.scenes.values(), Scene()]  # the last one is index -1
     try:
-        for row in tqdm(range(done, len(poses)), desc="drawing films", initial=done, total=len(poses)):
-            renderer = renderers[0] if front else renderers[_RENDERED_SIZES[rng.integers(3)] != renderers[0].width]
-            camera = FRONT_CAMERA if front else random_camera(rng)
-            film = np.stack([renderer.render(pose, camera) for pose in poses[row].astype(np.float64)])
+        for row in tqdm(range(done, len(motions)), desc="drawing films", initial=done, total=len(motions)):
+            pixels = _RENDERED_SIZES[0 if cameras is None else rng.integers(3)]
+            scene = scenes[motions.scenes[row]]
+            key = (pixels, int(motions.scenes[row]))
+            if key not in renderers:
+                renderers[key] = HumanoidRenderer(pixels, pixels, scene=scene)
+            if cameras is None:
+                camera = SCENE_CAMERA if scene else FRONT_CAMERA
+            else:
+                camera = cameras.of_scene(rng) if scene else cameras.draw(rng)
+            poses = motions.films[row, :, : scene.pose_size].astype(np.float64)
+            film = np.stack([renderers[key].render(pose, camera) for pose in poses])
             films[row] = np.round(shrink(film[None], size)[0])
             if cache is not None and row % 200 == 199:
                 count.write_text(str(row + 1))
     finally:
-        for renderer in renderers:
+        for renderer in renderers.values():
             renderer.close()
     if cache is not None:
-        count.write_text(str(len(poses)))
+        count.write_text(str(len(motions)))
     return films
 
 
@@ -91,6 +135,7 @@ def train_image_tower(
     batch: int,
     learning_rate: float,
     seed: int,
+    width: int = 24,
 ) -> ImageTower:
     """Trains the image tower towards the features of the state tower.
 
@@ -106,12 +151,13 @@ def train_image_tower(
         batch: films per step.
         learning_rate: highest learning rate.
         seed: seed of weights and order.
+        width: channels of the first convolution.
 
     Returns:
         The trained tower.
     """
     torch.manual_seed(seed)
-    tower = ImageTower(features.shape[1], frames=films.shape[1], size=films.shape[2])
+    tower = ImageTower(features.shape[1], frames=films.shape[1], width=width, size=films.shape[2])
     optimiser = torch.optim.AdamW(tower.parameters(), lr=learning_rate, weight_decay=1e-3)
     steps_per_epoch = len(films) // batch
     total = epochs * steps_per_epoch

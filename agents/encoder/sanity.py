@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.encoder.dataset import simulated_tracks
+from agents.encoder.rollouts import simulated_tracks
 from anyskill_envs.simulation import HumanoidSimulation
 from motion_data.clip import MotionClip
 from rewards.encoders import Encoder

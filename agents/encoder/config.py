@@ -1,0 +1,98 @@
+"""Settings of a training run of the encoder, and what the independent evaluator does differently."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from agents.ablation.evaluator import EVALUATOR_FOLDER
+from agents.encoder.pictures import CameraRange
+from rewards.bundled import WEIGHTS_FOLDER
+
+
+@dataclass(frozen=True)
+class EncoderConfig:
+    """Settings of a training run of the encoder."""
+
+    only: tuple[str, ...] = ()
+    """Names of the concepts to train on, for quick trials; all of them if none is given."""
+    evaluator: bool = False
+    """Train the evaluator instead: other seed, widths, cameras and caption templates, into a folder of its own."""
+    objects: tuple[str, ...] = ("ball", "chair", "door", "pillar")
+    """Objects of the scenes that the encoder learns about; `--objects` alone for none."""
+    run: Path = Path("runs/encoder")
+    """Folder of the run: data, checkpoints, report."""
+    seed: int = 0
+    """Seed of all randomness."""
+    rounds: int = 10
+    """Rounds of data; each has about 2,000 motions per source and 4,000 simulated ones."""
+    tracks: int = 128
+    """Tracks per source and round."""
+    per_track: int = 16
+    """Short motions cut from each track."""
+    caption_pairs: int = 700
+    """Captions that join two concepts; as many mirrored ones come with them."""
+    feature_size: int = 256
+    """Size of the shared space."""
+    hidden: int = 512
+    """Width of the hidden layers of the state tower."""
+    state_batch: int = 384
+    """Motions per step of the state and text towers."""
+    caption_batch: int = 256
+    """Captions per step."""
+    steps: int = 6000
+    """Steps of the state and text towers."""
+    learning_rate: float = 1e-3
+    """Highest learning rate; it rises for 200 steps and then falls along a cosine."""
+    image_size: int = 64
+    """Pixels per side of the image tower's frames."""
+    image_width: int = 24
+    """Channels of the image tower's first convolution; the others are multiples of it."""
+    image_motions: int = 12000
+    """Motions that are rendered for the image tower."""
+    image_epochs: int = 12
+    """Passes over the rendered motions."""
+    image_batch: int = 64
+    """Films per step of the image tower."""
+    threads: int = 1
+    """Threads of torch."""
+    out: Path | None = None
+    """Folder to export to; that of the bundled encoder, or of the evaluator, if None."""
+
+    @property
+    def folder(self) -> Path:
+        """Where the files go."""
+        if self.out is not None:
+            return self.out
+        return EVALUATOR_FOLDER if self.evaluator else WEIGHTS_FOLDER
+
+    @property
+    def style(self) -> str:
+        """Whose caption templates are taken; see `agents.encoder.captions.TEMPLATES`."""
+        return "evaluator" if self.evaluator else "reward"
+
+    @property
+    def cameras(self) -> CameraRange:
+        """Where the cameras of the films stand."""
+        if not self.evaluator:
+            return CameraRange()
+        return CameraRange(front=0.15, angle=0.75, distance=(2.8, 4.2), height=(0.5, 1.9))
+
+    @property
+    def settled(self) -> EncoderConfig:
+        """The settings with those of the evaluator where it is wanted and nothing else was chosen."""
+        if not self.evaluator:
+            return self
+        defaults = {item.name: item.default for item in fields(self)}
+        chosen = {name: value for name, value in _EVALUATOR.items() if getattr(self, name) == defaults[name]}
+        return replace(self, **chosen)
+
+
+_EVALUATOR: dict[str, Any] = {
+    "run": Path("runs/encoder_evaluator"),
+    "seed": 7041,
+    "feature_size": 192,
+    "hidden": 384,
+    "image_width": 20,
+}

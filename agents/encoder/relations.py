@@ -1,0 +1,202 @@
+"""How far a humanoid is in a relation to an object: the rules behind captions such as "a person kicks the ball".
+
+The relations are those of `anyskill_envs.objects.base.RELATIONS`. Each rule grades from 0 to 1 by the positions of the
+bodies and the surfaces of the object over half a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from agents.encoder.concepts import Concept
+from agents.encoder.measurements import SIDES, Array, Measurements, near, partly, ramp
+from anyskill_envs.objects import SceneObject
+from anyskill_envs.objects.scene import Part, Scene
+from motion_data.skeleton import FRAME_RATE, body_index
+from rewards.object_state import ObjectState
+
+_HANDS = tuple(f"{side}_hand" for side in SIDES)
+_FEET = tuple(f"{side}_foot" for side in SIDES)
+_STEP = 4
+"""Frames over which speeds are taken."""
+
+
+class ObjectTrack:
+    """One object beside n humanoids over half a second.
+
+    Args:
+        scene: the scene.
+        part: the object's part of it.
+        positions: world positions of everything in the model, `(n, WINDOW, bodies, 3)`.
+        quaternions: world orientations of the same, w first, `(n, WINDOW, bodies, 4)`.
+        state: states of the object in the last frame.
+
+    Attributes:
+        name: name of the object.
+        state: states in the last frame, in the heading frame of the humanoid.
+    """
+
+    def __init__(self, scene: Scene, part: Part, positions: Array, quaternions: Array, state: ObjectState) -> None:
+        self.name = part.item.name
+        self.state = state
+        self._positions, self._quaternions = positions, quaternions
+        self._root = part.body
+        model = scene.model
+        prefix = f"{part.name}/"
+        self._geoms = [
+            index
+            for index in range(model.ngeom)
+            if model.body(model.geom_bodyid[index]).name.startswith(prefix) and model.geom_contype[index] & 1
+        ]
+        self._model = model
+
+    def gap(self, points: Array, frame: int = -1) -> Array:
+        """Distance of world points `(n, 3)` from the object's surface in a frame, metres, 0 inside."""
+        gaps = [self._gap_to(geom, points, frame) for geom in self._geoms]
+        closest: Array = np.min(gaps, axis=0)
+        return closest
+
+    def _gap_to(self, geom: int, points: Array, frame: int) -> Array:
+        model, body = self._model, self._model.geom_bodyid[geom]
+        turned = Rotation.from_quat(self._quaternions[:, frame, body], scalar_first=True)
+        local = turned.inv().apply(points - self._positions[:, frame, body]) - model.geom_pos[geom]
+        local = Rotation.from_quat(model.geom_quat[geom], scalar_first=True).inv().apply(local)
+        size = model.geom_size[geom]
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX.value:
+            return np.linalg.norm(np.maximum(np.abs(local) - size, 0.0), axis=1)
+        # A sphere is a capsule of length 0; other shapes are taken for the capsule that their sizes make.
+        length = 0.0 if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE.value else size[1]
+        local[:, 2] -= np.clip(local[:, 2], -length, length)
+        return np.maximum(np.linalg.norm(local, axis=1) - size[0], 0.0)
+
+    @cached_property
+    def distance(self) -> Array:
+        """Horizontal distance of the object's origin from the pelvis, `(n,)`."""
+        return np.linalg.norm(self.state.position[:, :2], axis=1).astype(np.float64)
+
+    @cached_property
+    def bearing(self) -> Array:
+        """Direction of the object seen from the pelvis, radians, positive to the left, `(n,)`."""
+        return np.arctan2(self.state.position[:, 1], self.state.position[:, 0]).astype(np.float64)
+
+    @cached_property
+    def speed(self) -> Array:
+        """Speed of the object's origin over the last frames, m/s, `(n,)`."""
+        path = self._positions[:, :, self._root]
+        moved: Array = np.linalg.norm(path[:, -1] - path[:, -1 - _STEP], axis=1) * (FRAME_RATE / _STEP)
+        return moved
+
+    def contact(self, m: Measurements, bodies: tuple[str, ...], near_by: float) -> Array:
+        """1 if one of the bodies touches it or nearly so: nearer than `near_by` metres now or 0.13 s ago, `(n,)`."""
+        gaps = [
+            self.gap(m.positions[:, frame, body_index(body)], frame) for body in bodies for frame in (-1, -1 - _STEP)
+        ]
+        return ramp(np.min(gaps, axis=0), near_by + 0.25, near_by)
+
+
+def _closeness(o: ObjectTrack) -> Array:
+    return ramp(o.distance, 2.6, 1.2)
+
+
+def _in_front_of(m: Measurements, o: ObjectTrack) -> Array:
+    if o.name == "chair":  # who stands in front of a chair may have the back to it: what counts is the chair's front
+        ahead = o.state.rotation[:, :2]
+        towards = -o.state.position[:, :2] / np.maximum(o.distance, 1e-6)[:, None]
+        return ramp((ahead * towards).sum(1).astype(np.float64), 0.3, 0.9) * _closeness(o) * m.on_feet
+    return ramp(np.abs(o.bearing), 1.1, 0.5) * _closeness(o) * m.on_feet
+
+
+def _beside(m: Measurements, o: ObjectTrack) -> Array:
+    return near(np.abs(o.bearing), np.pi / 2, 1.0) * ramp(o.distance, 1.8, 0.8) * m.on_feet
+
+
+def _facing(m: Measurements, o: ObjectTrack) -> Array:
+    ahead = m.axis("head", 0)
+    gaze = np.arctan2(ahead[:, 1], ahead[:, 0])
+    off = (gaze - o.bearing + np.pi) % (2 * np.pi) - np.pi
+    return ramp(np.abs(off), 1.0, 0.25) * ramp(o.distance, 5.0, 2.5) * m.on_feet
+
+
+def _touching(m: Measurements, o: ObjectTrack) -> Array:
+    # An ankle is 0.1 m from the sole and 0.2 m from the toes; a hand's origin is 0.05 m from its surface.
+    return o.contact(m, _FEET, 0.16) if o.name == "ball" else o.contact(m, _HANDS, 0.08)
+
+
+def _limb_speed(m: Measurements, bodies: tuple[str, ...]) -> Array:
+    fastest: Array = np.max([np.linalg.norm(m.velocity(body, _STEP), axis=1) for body in bodies], axis=0)
+    return fastest
+
+
+def _kicking(m: Measurements, o: ObjectTrack) -> Array:
+    moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(o.speed, 0.3, 1.5))
+    raised = ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
+    swing = moves if o.name == "ball" else partly(moves, raised)
+    return o.contact(m, _FEET, 0.2) * (0.25 + 0.75 * swing) * m.on_feet
+
+
+def _striking(m: Measurements, o: ObjectTrack) -> Array:
+    return o.contact(m, _HANDS, 0.1) * (0.25 + 0.75 * ramp(_limb_speed(m, _HANDS), 0.4, 2.0)) * m.on_feet
+
+
+def _leaning_on(m: Measurements, o: ObjectTrack) -> Array:
+    touched = o.contact(m, (*_HANDS, "right_lower_arm", "left_lower_arm", "torso"), 0.12)
+    up = m.axis("torso", 2)
+    tilt = np.hypot(up[:, 0], up[:, 1])
+    return touched * ramp(tilt, 0.05, 0.3) * ramp(_limb_speed(m, _HANDS), 1.5, 0.4) * m.on_feet
+
+
+def _pushing_open(m: Measurements, o: ObjectTrack) -> Array:
+    if not o.state.angle.shape[1]:
+        return np.zeros(len(m))
+    angle = o.state.angle[:, 0].astype(np.float64)
+    opening = ramp(o.state.angle_velocity[:, 0].astype(np.float64), 0.05, 0.8)
+    touched = o.contact(m, (*_HANDS, *_FEET, "torso"), 0.15)
+    return ramp(angle, 0.03, 0.8) * (0.3 + 0.4 * touched + 0.3 * opening) * m.on_feet
+
+
+def _sitting_on(m: Measurements, o: ObjectTrack) -> Array:
+    # The origin of the object is the middle of its seat; a seated pelvis is some 0.1 m above it.
+    over = ramp(o.distance, 0.5, 0.15)
+    low = ramp(-o.state.position[:, 2].astype(np.float64), 0.45, 0.18)
+    knees = partly(*(ramp(m.knee(side), 0.2, 1.2) for side in SIDES))
+    return partly(over, low) * over**0.5 * (0.5 + 0.5 * knees) * m.on_feet
+
+
+_RULES: dict[str, Callable[[Measurements, ObjectTrack], Array]] = {
+    "in front of": _in_front_of,
+    "beside": _beside,
+    "facing": _facing,
+    "touching": _touching,
+    "kicking": _kicking,
+    "striking": _striking,
+    "leaning on": _leaning_on,
+    "pushing open": _pushing_open,
+    "sitting on": _sitting_on,
+}
+
+
+def _nowhere(m: Measurements) -> Array:
+    """Nothing is true of an object that is not there."""
+    return np.zeros(len(m))
+
+
+def relation_concepts(items: list[SceneObject]) -> list[Concept]:
+    """One concept for each relation of each object that has captions, named "ball:kicking"."""
+    return [
+        Concept(f"{item.name}:{relation}", "object", tuple(dict.fromkeys(captions)), _nowhere)
+        for item in items
+        for relation, captions in item.captions.items()
+    ]
+
+
+def relation_truth(name: str, m: Measurements, tracks: dict[str, ObjectTrack]) -> Array | None:
+    """How far a relation concept is true of n humanoids; None if it is about no object of this scene."""
+    kind, _, relation = name.partition(":")
+    if relation not in _RULES or kind not in tracks:
+        return None
+    return _RULES[relation](m, tracks[kind])

@@ -1,0 +1,124 @@
+"""What simulated bodies do: they follow motions and fall, or are driven by the frozen controller, beside objects or not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anyskill_envs.controller import LowLevelController
+from anyskill_envs.objects import Placement
+from anyskill_envs.objects.scene import Scene
+from anyskill_envs.simulation import HumanoidSimulation
+from motion_data.clip import MotionClip
+
+FloatArray = NDArray[np.float64]
+Tracks = tuple[FloatArray, FloatArray]
+"""Poses `(frames, n, 35)`, or those of a scene, and velocities `(frames, n, 34)`, or those of a scene."""
+
+_PUSH = 120.0  # N, standard deviation in each direction, for a third of a second
+
+
+def simulated_tracks(rng: np.random.Generator, poses: FloatArray, velocities: FloatArray) -> Tracks:
+    """What bodies do that follow motions by their joint targets alone, with pushes: they sway, stumble, fall and lie.
+
+    Args:
+        rng: draws pushes.
+        poses: motions to follow, `(frames, n, 35)`.
+        velocities: their velocities, `(frames, n, 34)`.
+
+    Returns:
+        Simulated poses and velocities, of the same shapes.
+    """
+    frames, count, _ = poses.shape
+    simulation = HumanoidSimulation(count, num_threads=1)
+    simulation.reset(np.arange(count), poses[0], velocities[0])
+    record_poses, record_velocities = np.empty_like(poses), np.empty_like(velocities)
+    for frame in range(frames):
+        record_poses[frame], record_velocities[frame] = simulation.qpos, simulation.qvel
+        if frame % 10 == 0:
+            _push(rng, simulation)
+        simulation.step(poses[frame, :, 7:] + 0.05 * velocities[frame, :, 6:])
+    return record_poses, record_velocities
+
+
+def controller_tracks(
+    rng: np.random.Generator,
+    count: int,
+    frames: int,
+    controller: LowLevelController,
+    clips: Sequence[MotionClip] = (),
+    scene: Scene | None = None,
+    placements: Mapping[str, Placement] | None = None,
+    favoured: Sequence[str] = (),
+    pushed: bool | None = None,
+) -> Tracks:
+    """What the frozen controller does with latents of clips, between clips and at random, renewed at random times.
+
+    With clips, two bodies in three begin in the midst of one, lying and sitting ones too. Pushed bodies fall at times, and
+    what the controller does with a fallen body is among the motions.
+
+    Args:
+        rng: draws latents, starts, pushes and places of objects.
+        count: how many.
+        frames: how long, at 30 per second.
+        controller: the frozen controller.
+        clips: where bodies may begin; all stand in the rest pose if there is none.
+        scene: objects beside each humanoid.
+        placements: where these are put, by name; their own placements if None.
+        favoured: parts of names of clips whose latents half of the draws take.
+        pushed: whether bodies are pushed now and then; by default where there are clips.
+
+    Returns:
+        Poses `(frames, count, pose_size)` and velocities `(frames, count, nv)`.
+    """
+    scene = Scene() if scene is None else scene
+    simulation = HumanoidSimulation(count, num_threads=1, scene=scene)
+    library = controller.latents
+    wanted = np.flatnonzero([any(part in str(name) for part in favoured) for name in controller.clip_names])
+
+    def draw(size: int) -> FloatArray:
+        first, second = library[rng.integers(len(library), size=(2, size))]
+        if len(wanted):
+            first = np.where(rng.random((size, 1)) < 0.5, library[rng.choice(wanted, size)], first)
+        mixed = np.where(rng.random((size, 1)) < 0.6, first, first + second * rng.random((size, 1)))
+        mixed = mixed + rng.normal(0, 0.3, mixed.shape) * (rng.random((size, 1)) < 0.3)
+        return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+
+    _begin(rng, simulation, clips, placements)
+    latents = draw(count)
+    poses = np.empty((frames, count, simulation.pose_size))
+    velocities = np.empty((frames, count, simulation.qvel.shape[1]))
+    for frame in range(frames):
+        renewed = np.flatnonzero(rng.random(count) < 0.04)
+        latents[renewed] = draw(len(renewed))
+        poses[frame], velocities[frame] = simulation.poses, simulation.qvel
+        if (bool(clips) if pushed is None else pushed) and frame % 10 == 0:
+            _push(rng, simulation)
+        simulation.step(controller.act(simulation.observation(), latents.astype(np.float32)))
+    return poses, velocities
+
+
+def _push(rng: np.random.Generator, simulation: HumanoidSimulation) -> None:
+    count = len(simulation)
+    simulation.push("torso", rng.normal(0, _PUSH, (count, 3)) * (rng.random((count, 1)) < 0.15))
+
+
+def _begin(
+    rng: np.random.Generator,
+    simulation: HumanoidSimulation,
+    clips: Sequence[MotionClip],
+    placements: Mapping[str, Placement] | None,
+) -> None:
+    """Puts bodies into the rest pose or into frames of clips, and objects around them."""
+    count, scene = len(simulation), simulation.scene
+    qpos = np.repeat(scene.rest_pose[None, :35], count, 0)
+    qvel = np.zeros((count, 34))
+    for row in np.flatnonzero(rng.random(count) < 2 / 3) if clips else ():
+        clip = clips[int(rng.integers(len(clips)))]
+        frame = rng.integers(len(clip))
+        qpos[row], qvel[row] = clip.qpos[frame], clip.qvel[frame]
+    if scene:
+        qpos, qvel = scene.place(qpos, qvel, placements or scene.placements(None), 0.0, rng)
+    simulation.reset(np.arange(count), qpos, qvel)

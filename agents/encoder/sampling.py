@@ -1,0 +1,77 @@
+"""Draws batches of motions and captions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.encoder.captions import CaptionSet
+from agents.encoder.dataset import MotionSet
+from agents.encoder.scenes import ObjectLayout
+from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN, OBSERVATION_LAYOUT
+
+
+class MotionSampler:
+    """Draws batches in which rare concepts are seen often, half of them mirrored.
+
+    Args:
+        motions: what to draw from.
+        mirror: index of each concept's mirror image.
+        rng: all randomness.
+        layout: objects that the motions' scenes hold.
+    """
+
+    def __init__(
+        self, motions: MotionSet, mirror: NDArray[np.int64], rng: np.random.Generator, layout: ObjectLayout
+    ) -> None:
+        self.motions = motions
+        self.layout = layout
+        self.mirror = mirror
+        self.rng = rng
+        self._fulfilling = [np.flatnonzero(column > 0.6) for column in motions.truths.T]
+        velocities = [OBSERVATION_LAYOUT["body_linear_velocities"], OBSERVATION_LAYOUT["body_angular_velocities"]]
+        self._noise = np.full(motions.observations.shape[1], 0.005, np.float32)
+        self._noise[velocities[0]], self._noise[velocities[1]] = 0.08, 0.3
+
+    def index(self, size: int) -> NDArray[np.int64]:
+        """Half uniform, half from the motions that fulfil a random concept."""
+        index = self.rng.integers(len(self.motions), size=size)
+        for place in range(size // 2):
+            fulfilling = self._fulfilling[self.rng.integers(len(self._fulfilling))]
+            if len(fulfilling):
+                index[place] = fulfilling[self.rng.integers(len(fulfilling))]
+        return index
+
+    def draw(self, size: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Observations (size, 223), states of objects (size, m) and truths (size, concepts)."""
+        index = self.index(size)
+        observations = self.motions.observations[index]
+        objects = self.motions.objects[index]
+        truths = self.motions.truths[index].astype(np.float32)
+        turned = (self.rng.random(size) < 0.5) & self.layout.has_mirror_image(objects)
+        observations[turned] = observations[turned][:, MIRROR_INDEX] * MIRROR_SIGN
+        objects[turned] *= self.layout.mirror_sign
+        truths[turned] = truths[turned][:, self.mirror]
+        noise = self.rng.normal(size=observations.shape).astype(np.float32) * self._noise
+        return observations + noise * self.rng.random((size, 1), np.float32), objects, truths
+
+
+class CaptionSampler:
+    """Draws captions so that every concept is named often, whatever the number of its wordings."""
+
+    def __init__(self, captions: CaptionSet, rng: np.random.Generator) -> None:
+        self.rng = rng
+        self.pairs = np.array([i for i, caption in enumerate(captions.training) if len(caption.concepts) > 1])
+        self.singles: list[NDArray[np.int64]] = []
+        for concept in range(len(captions.concepts)):
+            chosen = [i for i, caption in enumerate(captions.training) if caption.concepts == (concept,)]
+            self.singles.append(np.array(chosen))
+
+    def draw(self, size: int) -> NDArray[np.int64]:
+        """Indices of captions, three quarters about one concept."""
+        count = size if not len(self.pairs) else size * 3 // 4
+        concepts = self.rng.permutation(np.arange(count) % len(self.singles))
+        singles = [self.rng.choice(self.singles[concept]) for concept in concepts if len(self.singles[concept])]
+        if not len(self.pairs):
+            return np.array(singles, dtype=np.int64)
+        return np.concatenate([singles, self.rng.choice(self.pairs, size=size - count)]).astype(np.int64)

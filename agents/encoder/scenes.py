@@ -1,0 +1,102 @@
+"""Scenes with objects for the encoder: where objects are put, and their states as the state tower takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anyskill_envs.objects import Placement
+from anyskill_envs.objects.scene import Scene
+from rewards.object_state import BLOCKS
+
+# Latents of these clips bring about what captions speak of; half of all latents are drawn from them.
+_FAVOURED = {
+    "ball": ("kick", "walk", "run", "step_forward"),
+    "chair": ("sit", "squat", "crouch", "step_backward", "kick"),
+    "door": ("push", "walk", "kick", "punch", "step_forward"),
+    "pillar": ("punch", "kick", "push", "walk", "uppercut"),
+}
+_WITH_SIDES = ("door",)
+"""Objects whose mirror image is another object: the hinge of the door is on the left."""
+_REACH = 0.45
+"""Metres from the pelvis at which a step or an arm reaches an object."""
+_VECTORS = np.tile([1.0, -1.0, 1.0], 4)
+_MIRRORED_BLOCKS = np.concatenate([_VECTORS, [-1.0, 1.0, -1.0]]).astype(np.float32)
+"""Sign of each of the 15 numbers of a free object in the mirror: y of vectors, x and z of the angular velocity."""
+
+
+class ObjectLayout:
+    """Where the state of each known object stands in the second input of the state tower.
+
+    For each object in order: whether it is there (1 or 0), and its state, zeros if it is not; see
+    :class:`rewards.bundled.BundledEncoder`.
+
+    Args:
+        objects: names of registered objects.
+
+    Attributes:
+        names: these names.
+        scenes: a scene for each of them, the object alone beside the humanoid.
+        sizes: numbers of the state of each object.
+    """
+
+    def __init__(self, objects: Sequence[str]) -> None:
+        self.names = tuple(objects)
+        self.scenes = {name: Scene([name]) for name in self.names}
+        self.sizes = {name: scene.state_size for name, scene in self.scenes.items()}
+        self._starts = dict(
+            zip(self.names, np.cumsum([0, *(1 + size for size in self.sizes.values())])[:-1], strict=True)
+        )
+
+    @property
+    def size(self) -> int:
+        """Numbers of the second input, 0 without objects."""
+        return sum(1 + size for size in self.sizes.values())
+
+    def fill(self, name: str, vectors: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The second input `(n, size)` of scenes with this object in these states `(n, m)`."""
+        block = np.zeros((len(vectors), self.size), np.float32)
+        start = self._starts[name]
+        block[:, start] = 1.0
+        block[:, start + 1 : start + 1 + vectors.shape[1]] = vectors
+        return block
+
+    def state(self, name: str, objects: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The states `(n, m)` of an object in second inputs `(n, size)`."""
+        start = self._starts[name] + 1
+        return objects[:, start : start + self.sizes[name]]
+
+    @property
+    def mirror_sign(self) -> NDArray[np.float32]:
+        """Sign of each number in the mirror, `(size,)`; says nothing of objects that have sides."""
+        sign = np.ones(self.size, np.float32)
+        for start in self._starts.values():
+            sign[start + 1 : start + 1 + sum(BLOCKS.values())] = _MIRRORED_BLOCKS
+        return sign
+
+    def has_mirror_image(self, objects: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which scenes `(n, size)` have a mirror image among scenes, `(n,)`."""
+        there = np.zeros(len(objects), bool)
+        for name in self.names:
+            if any(name.endswith(kind) for kind in _WITH_SIDES):
+                there |= objects[:, self._starts[name]] > 0
+        return ~there
+
+
+def favoured_clips(name: str) -> tuple[str, ...]:
+    """Parts of names of clips that have to do with an object."""
+    return _FAVOURED.get(name, ("walk", "step", "kick", "punch", "push"))
+
+
+def training_placements(scene: Scene) -> list[dict[str, Placement]]:
+    """Where the objects of a scene are put: as in an episode, within reach, and anywhere up to 3 m away."""
+    own = scene.placements(None)
+    first = {name: min(place.distance[0], _REACH) for name, place in own.items()}
+    around = {"bearing": (-np.pi, np.pi), "yaw": (-np.pi, np.pi)}
+    return [
+        own,
+        {name: place.changed({"distance": (first[name], first[name] + 0.25)}) for name, place in own.items()},
+        {name: place.changed({"distance": (max(first[name], 0.6), 3.0), **around}) for name, place in own.items()},
+    ]
