@@ -16,7 +16,7 @@ from anyskill_envs.reward_sources import Entries, HumanoidSource, RewardSource, 
 from anyskill_envs.single import HumanoidEnv
 from anyskill_envs.vector import HumanoidVectorEnv
 from anyskill_envs.vector_info import with_masks
-from rewards import Encoder, RewardFn, make_reward
+from rewards import Encoder, RewardFn, encoder_names, load_encoder, make_reward
 from rewards.episodic import checked_texts
 
 
@@ -67,9 +67,10 @@ class TextReward(RebuiltFromArguments, gym.Wrapper[Any, Any, Any, Any], RecordCo
             self, text=text, reward=reward, reward_kwargs=reward_kwargs, encoder=encoder, _disable_deepcopy=True
         )
         gym.Wrapper.__init__(self, env)
-        made = make_reward(reward, encoder=encoder, **dict(reward_kwargs or {}))
-        texts = checked_texts(text, 1)
         base = env.unwrapped
+        chosen = encoder if isinstance(base, HumanoidEnv) else _of_pictures(encoder)
+        made = make_reward(reward, encoder=chosen, **dict(reward_kwargs or {}))
+        texts = checked_texts(text, 1)
         self._source: RewardSource
         if isinstance(base, HumanoidEnv):
             self._source = HumanoidSource(base.vector, made, texts)
@@ -145,11 +146,12 @@ class VectorTextReward(RebuiltFromArguments, VectorWrapper[Any, Any, Any, Any, N
         if not isinstance(env, VectorEnv):
             raise TypeError(f"VectorTextReward wraps vector environments (of gym.make_vec), got {env}: use TextReward.")
         super().__init__(env)
-        made = make_reward(reward, encoder=encoder, **dict(reward_kwargs or {}))
+        base = env.unwrapped
+        chosen = encoder if isinstance(base, HumanoidVectorEnv) else _of_pictures(encoder)
+        made = make_reward(reward, encoder=chosen, **dict(reward_kwargs or {}))
         texts = checked_texts(text, env.num_envs)
         # Gymnasium's own wrappers take an environment that does not tell its mode for one in this mode, too.
         self._mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
-        base = env.unwrapped
         self._source: RewardSource
         if isinstance(base, HumanoidVectorEnv):
             self._source = HumanoidSource(base, made, texts)
@@ -241,6 +243,13 @@ _CONTROLLER_STEP_KEYS = (
     "latent",
 )
 """What :class:`HumanoidSource` reads."""
+
+
+def _of_pictures(encoder: str | Encoder) -> str | Encoder:
+    """The encoder for environments of others: without the state projection that is cached for our humanoid's states."""
+    if isinstance(encoder, str) and encoder not in encoder_names():
+        return load_encoder(encoder, projection=False)
+    return encoder
 
 
 def _batch_of_one(observation: Any) -> Any:

@@ -124,6 +124,7 @@ class BundledEncoder:
         self._text = _Tower(self.folder, "text", num_threads)
         self._image: _Tower | None = None
         self.feature_size = self._state.feature_size
+        self.metadata = self._state.metadata
         self.object_sizes: dict[str, int] = json.loads(self._state.metadata.get("object_sizes", "{}"))
         if cache is None:
             cache = os.environ.get("ANYSKILL_CACHE", "") or Path.home() / ".cache" / "anyskill"

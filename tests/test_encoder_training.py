@@ -9,6 +9,7 @@ import torch
 
 from agents.encoder.config import EncoderConfig
 from agents.encoder.dataset import MotionSet, smooth_path
+from agents.encoder.free_sentences import read_sentences
 from agents.encoder.material import motion_library
 from agents.encoder.towers import grading_loss
 from agents.encoder.train import train
@@ -32,7 +33,9 @@ TINY = {
 
 
 def test_a_tiny_training_writes_an_encoder_that_loads(tmp_path, monkeypatch):
-    monkeypatch.setattr("agents.encoder.train.HELD_OUT_PICTURES", 150)
+    monkeypatch.setattr("agents.encoder.train.HELD_OUT_PICTURES", 120)
+    monkeypatch.setattr("agents.encoder.train.HELD_OUT_TRACKS", 8)
+    monkeypatch.setattr("agents.encoder.pose_figures.MOST_CAPTIONS", 20)
     config = EncoderConfig(run=tmp_path / "run", out=tmp_path / "weights", **TINY)
     assert train(config) == 0
     encoder = BundledEncoder(tmp_path / "weights", cache="")
@@ -81,3 +84,6 @@ def test_the_library_holds_every_clip_and_its_mirror_image_once():
     assert len(set(names)) == len(names)
     assert "walk_mirrored" in names and "kick_left" in names and "kick_left_mirrored" not in names
     assert all(clip.qpos.shape[1] == len(rest_qpos()) for clip in clips)
+    sentences = read_sentences()
+    assert len(sentences) == len({text for _, text in sentences}) == len({clip for clip, _ in sentences}) == 100
+    assert {clip for clip, _ in sentences} <= set(names)

@@ -15,7 +15,7 @@ from motion_data.clip import swap_sides
 _THIRD_PERSON = {"go": "goes", "do": "does", "be": "is", "have": "has"}
 _GERUND = {"be": "being", "lie": "lying", "die": "dying"}
 # One-syllable verbs that double their last letter before "ing".
-_DOUBLING_LIST = "put squat sit hit run jog step hop spin clap flap hug nod drop stop swim jab get let shrug dip"
+_DOUBLING_LIST = "put squat sit hit run jog step hop spin clap flap hug nod drop stop swim jab get let shrug dip tap"
 _DOUBLING = frozenset(_DOUBLING_LIST.split())
 _VERB_LIST = """
     raise lift put hold reach stretch throw lower let keep relax extend point spread make move bend flex bring
@@ -24,6 +24,7 @@ _VERB_LIST = """
     go sit kneel genuflect propose pull kick balance hop close lunge step rise jump leap get walk stroll march
     run jog sprint dash back spin stay wait stop dance lie fall drop collapse crawl creep flip nod shake shrug
     hug embrace roll uppercut sway show cower duck straddle pray be have stir
+    open knock approach use shoot tap nudge
 """
 _VERBS = frozenset(_VERB_LIST.split())
 _SYNONYMS = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,11 @@ class EncoderConfig:
         return "evaluator" if self.evaluator else "reward"
 
     @property
+    def caption_settings(self) -> str:
+        """All that the captions depend on, as JSON; see :func:`captions_of`."""
+        return json.dumps({name: getattr(self, name) for name in _CAPTION_SETTINGS})
+
+    @property
     def cameras(self) -> CameraRange:
         """Where the cameras of the films stand."""
         if not self.evaluator:
@@ -89,6 +95,13 @@ class EncoderConfig:
         return replace(self, **chosen)
 
 
+def captions_of(settings: str) -> EncoderConfig:
+    """The settings whose `caption_settings` these are; those without objects for an encoder that says nothing."""
+    stored = json.loads(settings) or {"objects": ()}
+    return EncoderConfig(**{name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()})
+
+
+_CAPTION_SETTINGS = ("only", "evaluator", "objects", "seed", "caption_pairs")
 _EVALUATOR: dict[str, Any] = {
     "run": Path("runs/encoder_evaluator"),
     "seed": 7041,

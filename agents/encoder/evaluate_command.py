@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from agents.encoder.card import update_figures
-from agents.encoder.config import EncoderConfig
+from agents.encoder.config import captions_of
 from agents.encoder.evaluation import evaluate
 from agents.encoder.material import motion_library, prepare_captions
 from rewards.encoders import load_encoder
@@ -26,7 +26,8 @@ def evaluate_command(
         pictures: How many films are drawn for the image tower.
     """
     made = load_encoder(encoder)
-    captions = prepare_captions(EncoderConfig(), motion_library())
+    settings = getattr(made, "metadata", {}).get("training", "{}")
+    captions = prepare_captions(captions_of(settings), motion_library())
     report = evaluate(made, captions, pictures)
     print(report.json if json else report.table)
     if card is not None:

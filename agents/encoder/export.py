@@ -97,6 +97,7 @@ def export_towers(
     feature_size: int,
     trained_on: str,
     object_sizes: Mapping[str, int] | None = None,
+    training: str = "{}",
 ) -> None:
     """Writes the state projection and the text head.
 
@@ -107,10 +108,11 @@ def export_towers(
         feature_size: size of the shared space.
         trained_on: one line about the data, for the metadata.
         object_sizes: see :func:`write_state_tower`.
+        training: settings as JSON from which the captions of the training can be written again.
     """
     generator = torch.Generator().manual_seed(1)
     count, length = torch.export.Dim("texts"), torch.export.Dim("tokens", max=512)
-    details = {"feature_size": str(feature_size), "version": VERSION, "trained_on": trained_on}
+    details = {"feature_size": str(feature_size), "version": VERSION, "trained_on": trained_on, "training": training}
     write_state_tower(folder / "state_projection.onnx", state, contract("state") | details, object_sizes or {})
     tokens, mask = torch.randn(3, 9, TOKEN_SIZE, generator=generator), torch.ones(3, 9)
     mask[0, 5:] = 0

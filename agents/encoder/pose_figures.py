@@ -13,6 +13,8 @@ from rewards.encoders import Encoder
 Features = NDArray[np.float32]
 
 AMONG = 100
+MOST_CAPTIONS = 400
+"""Captions that figures are taken of, drawn from all that can be written."""
 _FEWEST = 5
 
 
@@ -25,7 +27,7 @@ def rule_figures(
         encoder: reads the captions.
         features: unit features of poses, `(n, d)`.
         values: how far the facts hold of them, `(n, facts)`.
-        rng: draws the hundred poses of a search.
+        rng: draws captions, and the hundred poses of each search.
         trials: how often a hundred poses are drawn for each caption.
 
     Returns:
@@ -35,6 +37,8 @@ def rule_figures(
     captions = pose_captions(values)
     if not captions:
         raise ValueError("Nothing can be said of the held-out poses; make more motions.")
+    if len(captions) > MOST_CAPTIONS:
+        captions = [captions[index] for index in np.sort(rng.choice(len(captions), MOST_CAPTIONS, replace=False))]
     texts = [[caption.texts[wording] for caption in captions] for wording in (0, 1)]
     first, second = _encoded(encoder, texts[0]), _encoded(encoder, texts[1])
     return {
@@ -68,6 +72,7 @@ def _recall(
     kinds = np.unique(holds, axis=0, return_inverse=True)[1].ravel()
     ranks = []
     for caption, text in zip(captions, texts, strict=True):
+        similarity = features @ text
         denied = np.flatnonzero((values[:, caption.facts] <= 0.001).any(1))
         for _ in range(trials):
             mixed = rng.permutation(denied)
@@ -75,7 +80,7 @@ def _recall(
             if len(others) < AMONG - 1:
                 break
             others = rng.choice(others, AMONG - 1, replace=False)
-            ranks.append(int((features[others] @ text >= features[caption.pose] @ text).sum()))
+            ranks.append(int((similarity[others] >= similarity[caption.pose]).sum()))
     if not ranks:
         return {"recall@1": float("nan"), "recall@5": float("nan")}
     return {"recall@1": float(np.mean(np.array(ranks) < 1)), "recall@5": float(np.mean(np.array(ranks) < 5))}

@@ -68,7 +68,7 @@ def project(
         shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True, exist_ok=True)
     (work / "settings.json").write_text(settings)
-    features = image_features(made, collected.poses, scene, view, work / "features.npy")
+    features = np.array(image_features(made, collected.poses, scene, view, work / "features.npy"))
     fit = fit_projection(collected, features, steps, rng)
     metadata = projection_contract(made) | {
         "encoder": encoder,

@@ -47,11 +47,11 @@ class ObjectTrack:
         self._positions, self._quaternions = positions, quaternions
         self._root = part.body
         model = scene.model
-        prefix = f"{part.name}/"
+        # What touches nothing, such as the stripe of the pillar, is no surface.
         self._geoms = [
             index
             for index in range(model.ngeom)
-            if model.body(model.geom_bodyid[index]).name.startswith(prefix) and model.geom_contype[index] & 1
+            if model.body_rootid[model.geom_bodyid[index]] == part.body and model.geom_contype[index] & 1
         ]
         self._model = model
 
@@ -100,7 +100,8 @@ class ObjectTrack:
 
 
 def _closeness(o: ObjectTrack) -> Array:
-    return ramp(o.distance, 2.6, 1.2)
+    """Rises all the way to 0.6 m, so that it can be climbed: "walk to the ball" is a caption of being before it."""
+    return ramp(o.distance, 2.6, 0.6)
 
 
 def _in_front_of(m: Measurements, o: ObjectTrack) -> Array:

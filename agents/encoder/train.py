@@ -20,6 +20,8 @@ from rewards.bundled import BundledEncoder
 
 HELD_OUT_PICTURES = 1000
 """Films that the image tower is measured on."""
+HELD_OUT_TRACKS = 48
+"""Tracks per source that both towers are measured on."""
 
 
 def train(config: EncoderConfig) -> int:
@@ -42,7 +44,9 @@ def train(config: EncoderConfig) -> int:
     motions = make_motions(config, clips, captions.concepts, layout)
     towers = train_towers(config, motions, captions, layout, config.run / "tokens.npz")
     trained_on = f"{len(motions)} short motions, {len(captions.training)} captions by rules, seed {config.seed}"
-    export_towers(out, towers.state, towers.text, config.feature_size, trained_on, layout.sizes)
+    export_towers(
+        out, towers.state, towers.text, config.feature_size, trained_on, layout.sizes, config.caption_settings
+    )
     rng = np.random.default_rng(config.seed + 4)
     drawn = motions.take(picture_index(motions, config.image_motions, rng))
     films = render_films(drawn, config.image_size, rng, config.run / "films.npy", config.cameras, layout)
@@ -63,7 +67,7 @@ def train(config: EncoderConfig) -> int:
         config.image_width,
     )
     export_image_tower(out, image, config.image_size, config.feature_size, f"{len(films)} films of 4 frames")
-    report = evaluate(encoder, captions, pictures=HELD_OUT_PICTURES)
+    report = evaluate(encoder, captions, HELD_OUT_PICTURES, HELD_OUT_TRACKS)
     write_card(out / "MODEL_CARD.md", config, report)
     print(report.table)
     return 0

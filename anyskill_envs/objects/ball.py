@@ -28,10 +28,23 @@ BALL = SceneObject(
     radius=0.15,
     texts=("kick the ball", "walk to the ball"),
     captions={
-        "in front of": ("a person stands in front of a ball", "the ball lies before the feet"),
-        "beside": ("a person stands beside a ball", "the ball lies next to the foot"),
-        "facing": ("a person looks at the ball", "facing the ball"),
-        "touching": ("a foot rests at the ball", "a person touches the ball"),
-        "kicking": ("a person kicks the ball", "kick the ball", "the foot strikes the ball"),
+        "in front of": (
+            "a person stands in front of a ball",
+            "the ball lies before the feet",
+            "stand in front of the ball",
+            "walk to the ball",
+            "go to the ball",
+        ),
+        "beside": ("a person stands beside a ball", "the ball lies next to the foot", "stand next to the ball"),
+        "facing": ("a person looks at the ball", "facing the ball", "look at the ball", "face the ball"),
+        "touching": ("a foot rests at the ball", "a person touches the ball", "touch the ball with a foot"),
+        "kicking": (
+            "kick the ball",
+            "a person kicks the ball",
+            "the foot strikes the ball",
+            "shoot the ball",
+            "kick the ball away",
+            "hit the ball with the foot",
+        ),
     },
 )

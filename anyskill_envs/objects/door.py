@@ -47,13 +47,20 @@ _CATCH = """
 """
 
 _CAPTIONS = {
-    "in front of": ("a person stands in front of a door", "standing before a closed door"),
-    "beside": ("a person stands beside a door",),
-    "facing": ("a person faces the door",),
-    "touching": ("a person touches the door with a hand",),
-    "kicking": ("a person kicks the door", "kick the door"),
-    "leaning on": ("a person leans on the door", "lean against the door"),
-    "pushing open": ("a person pushes the door open", "open the door", "opening a door"),
+    "in front of": ("a person stands in front of a door", "standing before a closed door", "walk to the door"),
+    "beside": ("a person stands beside a door", "stand next to the door"),
+    "facing": ("a person faces the door", "look at the door", "face the door"),
+    "touching": ("a person touches the door with a hand", "touch the door", "put a hand on the door"),
+    "kicking": ("kick the door", "a person kicks the door", "kick against the door"),
+    "leaning on": ("a person leans on the door", "lean against the door", "lean on the door"),
+    "pushing open": (
+        "open the door",
+        "a person pushes the door open",
+        "opening a door",
+        "push the door open",
+        "push against the door until it opens",
+        "go through the door",
+    ),
 }
 _PLACEMENT = Placement(distance=(0.8, 1.2), bearing=(-0.15, 0.15), yaw=(-0.25, 0.25))
 _TEXTS = ("open the door", "kick the door")
