@@ -154,6 +154,8 @@ def test_pairs_are_true_as_far_as_both_are():
     truths = np.array([[1.0, 0.0, 0.5]])
     graded = captions.truth([Caption("", (0,)), Caption("", (0, 1)), Caption("", (0, 2))], truths)
     np.testing.assert_allclose(graded, [[1.0, 0.25, 0.625]])
+    of_three = captions.truth([Caption("", (0, 1, 2)), Caption("", (2,))], truths)
+    np.testing.assert_allclose(of_three, [[0.25, 0.5]])
 
 
 def test_mirrored_caption_exchanges_words_and_meaning():

@@ -22,6 +22,7 @@ TINY = {
     "tracks": 8,
     "per_track": 8,
     "caption_pairs": 4,
+    "caption_triples": 2,
     "feature_size": 16,
     "state_batch": 64,
     "caption_batch": 32,

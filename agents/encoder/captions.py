@@ -172,7 +172,7 @@ class Caption:
 
     Attributes:
         text: the words.
-        concepts: indices of one or two concepts that must be true together.
+        concepts: indices of one, two or three concepts that must be true together.
     """
 
     text: str
@@ -201,11 +201,17 @@ class CaptionSet:
             truths: truth of every concept, `(n, concepts)`.
 
         Returns:
-            `(n, c)`; a pair counts half its mean and half its worse member.
+            `(n, c)`; several concepts count half their mean and half their worst.
         """
-        first = truths[:, [caption.concepts[0] for caption in captions]]
-        second = truths[:, [caption.concepts[-1] for caption in captions]]
-        return (0.25 * (first + second) + 0.5 * np.minimum(first, second)).astype(np.float32)
+        width = max(len(caption.concepts) for caption in captions)
+        # Filled up with the last concept, which changes no minimum.
+        index = np.array(
+            [caption.concepts + caption.concepts[-1:] * (width - len(caption.concepts)) for caption in captions]
+        )
+        counted = np.arange(width) < np.array([[len(caption.concepts)] for caption in captions])
+        graded = truths[:, index]
+        mean = (graded * counted).sum(2) / counted.sum(1)
+        return (0.5 * mean + 0.5 * graded.min(2)).astype(np.float32)
 
 
 def mirrored_caption(caption: Caption, concepts: Sequence[Concept]) -> Caption:
@@ -227,6 +233,7 @@ def write_captions(
     held_out_share: float = 0.12,
     concepts: Sequence[Concept] | None = None,
     style: str = "reward",
+    triples: int = 0,
 ) -> CaptionSet:
     """Writes the captions.
 
@@ -238,6 +245,7 @@ def write_captions(
             its mirror image are kept together.
         concepts: concepts to write about; all of them if None.
         style: whose templates to take, a key of `TEMPLATES`.
+        triples: how many captions about arms, trunk and legs at once; each comes with its mirror image.
 
     Returns:
         The captions.
@@ -272,6 +280,13 @@ def write_captions(
         caption = Caption(
             _join(rng, *(_phrase(rng, concepts[index], kept) for index in (first, second))), (first, second)
         )
+        training += [caption, mirrored_caption(caption, concepts)]
+    whole = [groups[group] for group in ("arms", "trunk", "legs") if group in groups]
+    for _ in range(triples if len(whole) == 3 else 0):
+        order = rng.permutation(3)
+        chosen_three = tuple(int(rng.choice(whole[place])) for place in order)
+        text = ", ".join(_phrase(rng, concepts[index], kept) for index in chosen_three)
+        caption = Caption(text, chosen_three)
         training += [caption, mirrored_caption(caption, concepts)]
     unique = {caption.text: caption for caption in training if caption.text not in kept}
     return CaptionSet(concepts, tuple(unique.values()), tuple(held_out))

@@ -34,6 +34,8 @@ class EncoderConfig:
     """Short motions cut from each track."""
     caption_pairs: int = 700
     """Captions that join two concepts; as many mirrored ones come with them."""
+    caption_triples: int = 300
+    """Captions about arms, trunk and legs at once; as many mirrored ones come with them."""
     feature_size: int = 256
     """Size of the shared space."""
     hidden: int = 512
@@ -101,7 +103,7 @@ def captions_of(settings: str) -> EncoderConfig:
     return EncoderConfig(**{name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()})
 
 
-_CAPTION_SETTINGS = ("only", "evaluator", "objects", "seed", "caption_pairs")
+_CAPTION_SETTINGS = ("only", "evaluator", "objects", "seed", "caption_pairs", "caption_triples")
 _EVALUATOR: dict[str, Any] = {
     "run": Path("runs/encoder_evaluator"),
     "seed": 7041,

@@ -80,4 +80,6 @@ def prepare_captions(config: EncoderConfig, clips: list[MotionClip]) -> CaptionS
     if config.only:
         concepts = tuple(concept for concept in concepts if concept.name in config.only)
     rng = np.random.default_rng(config.seed + 3)
-    return write_captions(rng, config.caption_pairs, concepts=concepts, style=config.style)
+    return write_captions(
+        rng, config.caption_pairs, concepts=concepts, style=config.style, triples=config.caption_triples
+    )

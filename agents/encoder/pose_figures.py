@@ -38,7 +38,9 @@ def rule_figures(
     if not captions:
         raise ValueError("Nothing can be said of the held-out poses; make more motions.")
     if len(captions) > MOST_CAPTIONS:
-        captions = [captions[index] for index in np.sort(rng.choice(len(captions), MOST_CAPTIONS, replace=False))]
+        captions = [
+            captions[index] for index in sorted(rng.choice(len(captions), MOST_CAPTIONS, replace=False).tolist())
+        ]
     texts = [[caption.texts[wording] for caption in captions] for wording in (0, 1)]
     first, second = _encoded(encoder, texts[0]), _encoded(encoder, texts[1])
     return {
