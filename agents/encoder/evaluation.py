@@ -100,7 +100,7 @@ def evaluate(
     layout = ObjectLayout(_objects(captions))
     rng = np.random.default_rng(SEED + 1)
     held = join_sets(list(generate(clips, captions.concepts, rng, 1, tracks, per_track, layout=layout)))
-    # Two facts of a pose cannot be compared with pictures of scenes, which another camera takes.
+    # Facts and sentences are about the humanoid alone; and scenes are drawn by another camera.
     alone = held.take(np.flatnonzero(held.scenes < 0))
     drawn = alone.take(picture_index(alone, min(pictures, len(alone)), rng))
     figures: dict[str, dict[str, Figures]] = {}

@@ -43,13 +43,16 @@ def read_sentences(path: Path = SENTENCES_FILE) -> list[tuple[str, str]]:
 
 
 def telling_frame(clip: MotionClip) -> int:
-    """The frame whose bodies are furthest from where they are in the rest pose, seen from the pelvis; half-way in a gait."""
-    if clip.loop:
-        return len(clip) // 2
+    """The frame whose bodies are nearly as far from the rest pose as they get; half-way where the clip does not begin in it.
+
+    Distances are seen from the pelvis. Half-way also in a gait, which has no way in and out.
+    """
     positions, _ = forward_kinematics(clip.qpos)
     rest, _ = forward_kinematics(rest_qpos()[None])
     offset = (positions - positions[:, :1]) - (rest - rest[:, :1])
     apart = np.linalg.norm(offset, axis=2).mean(1)
+    if clip.loop or apart[0] > 0.5 * apart.max():
+        return len(clip) // 2
     return int(np.argmax(apart >= 0.95 * apart.max()))
 
 
