@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from agents.encoder.captions import CaptionSet
 from agents.encoder.dataset import MotionSet, generate, join_sets
-from agents.encoder.evaluate import evaluate_encoder
 from agents.encoder.free_sentences import Moments, sentence_moments
 from agents.encoder.material import motion_library
 from agents.encoder.pictures import picture_index, render_films
@@ -21,6 +20,7 @@ from agents.encoder.pose_figures import rule_figures, sentence_figures
 from agents.encoder.projecting import measure_speed
 from agents.encoder.sanity import SanityRow, sanity_table
 from agents.encoder.scenes import ObjectLayout
+from agents.encoder.wording_figures import wording_figures
 from anyskill_envs.objects.scene import Scene
 from anyskill_envs.rendering import FRONT_CAMERA
 from motion_data.clip import MotionClip
@@ -114,14 +114,14 @@ def evaluate(
         figures["state"] = {
             "rules": rule_figures(encoder, lonely, _facts(alone), np.random.default_rng(SEED + 2)),
             "sentences": sentence_figures(encoder, encoder.encode_state(moments.observations), moments.sentences),
-            "training rules": evaluate_encoder(encoder, held, captions, np.random.default_rng(SEED + 3), features),
+            "training rules": wording_figures(encoder, held, captions, np.random.default_rng(SEED + 3), features),
         }
         projection = projection_figures(encoder, drawn, image)
         sanity = sanity_table(encoder, _originals(clips), np.random.default_rng(SEED + 4))
     figures["image"] = {
         "rules": rule_figures(encoder, image, _facts(drawn), np.random.default_rng(SEED + 2)),
         "sentences": sentence_figures(encoder, _filmed_moments(encoder, moments, drawn, rng), moments.sentences),
-        "training rules": evaluate_encoder(encoder, drawn, captions, np.random.default_rng(SEED + 3), image),
+        "training rules": wording_figures(encoder, drawn, captions, np.random.default_rng(SEED + 3), image),
     }
     return EncoderReport(figures, projection, sanity, (len(held), len(drawn)))
 

@@ -1,4 +1,4 @@
-"""Measures an encoder on motions and wordings that it was not trained on."""
+"""Figures of an encoder on captions by the rules of training, in wordings that were kept out of it."""
 
 from __future__ import annotations
 
@@ -144,14 +144,14 @@ def paraphrase_agreement(encoder: Encoder, captions: CaptionSet) -> float:
     return float((own * first).sum(1).mean())
 
 
-def evaluate_encoder(
+def wording_figures(
     encoder: Encoder,
     motions: MotionSet,
     captions: CaptionSet,
     rng: np.random.Generator,
     features: NDArray[np.float32] | None = None,
 ) -> dict[str, float]:
-    """All figures of the model card on held-out motions.
+    """Figures on held-out motions and held-out wordings.
 
     Args:
         encoder: the encoder.
