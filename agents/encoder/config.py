@@ -99,8 +99,9 @@ class EncoderConfig:
 
 def captions_of(settings: str) -> EncoderConfig:
     """The settings whose `caption_settings` these are; those without objects for an encoder that says nothing."""
-    stored = json.loads(settings) or {"objects": ()}
-    return EncoderConfig(**{name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()})
+    stored: dict[str, Any] = json.loads(settings) or {"objects": ()}
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()}
+    return EncoderConfig(**values)
 
 
 _CAPTION_SETTINGS = ("only", "evaluator", "objects", "seed", "caption_pairs", "caption_triples")
