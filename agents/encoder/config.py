@@ -100,7 +100,9 @@ class EncoderConfig:
 def captions_of(settings: str) -> EncoderConfig:
     """The settings whose `caption_settings` these are; those without objects for an encoder that says nothing."""
     stored: dict[str, Any] = json.loads(settings) or {"objects": ()}
-    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()}
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()
+    }
     return EncoderConfig(**values)
 
 
