@@ -67,6 +67,16 @@ def test_a_run_writes_all_it_promises(finished):
     assert report["video"] == "video.mp4"
 
 
+def test_the_policy_that_earned_most_without_exploration_is_kept(finished):
+    folder, _ = finished
+    training = json.loads(folder.report.read_text())["training"]
+    assert len(training["plays"]) >= 2
+    assert training["kept"]["reward"] == max(play["reward"] for play in training["plays"])
+    kept, best = PPO.load(folder.policy).policy.state_dict(), PPO.load(folder.best).policy.state_dict()
+    for name, weights in best.items():
+        np.testing.assert_array_equal(kept[name], weights)
+
+
 def test_the_evaluation_episodes_are_recorded(finished):
     folder, _ = finished
     episodes = load_rollouts(folder.rollouts)

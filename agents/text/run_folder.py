@@ -42,6 +42,7 @@ class RunFolder:
         self.path = path
         self.config = path / "config.json"
         self.checkpoint = path / "checkpoint.zip"
+        self.best = path / "best.zip"
         self.policy = path / "policy.zip"
         self.onnx = path / "policy.onnx"
         self.video = path / "video.mp4"
@@ -80,9 +81,9 @@ class RunFolder:
                     f"'{self.path}' holds a run already. Continue it with --resume, replace it with --overwrite, or "
                     "choose another --output."
                 )
-            for entry in (self.config, self.checkpoint, self.policy, self.onnx, self.video, self.curve, self.rollouts):
+            files = (self.config, self.checkpoint, self.best, self.policy, self.onnx, self.video, self.curve)
+            for entry in (*files, self.rollouts, self.report):
                 entry.unlink(missing_ok=True)
-            self.report.unlink(missing_ok=True)
             shutil.rmtree(self.tensorboard, ignore_errors=True)
         self.path.mkdir(parents=True, exist_ok=True)
 

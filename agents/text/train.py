@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 SEARCH_SHARE = 0.2
 """Share of the training time after which the search begins no new round."""
+PLAYED_HUMANOIDS = 32
+"""Humanoids that play the policy without exploration; see `agents.text.best_policy`."""
 _UNLIMITED_STEPS = 10**12
 """Steps for `PPO.learn`: the monitor stops it by the clock."""
 _MAY_CHANGE_ON_RESUME = ("minutes", "evaluation_episodes", "video", "progress", "output", "resume", "overwrite")
@@ -166,6 +168,8 @@ def _run(config: TrainConfig, folder: RunFolder, started: float) -> dict[str, An
     from stable_baselines3.common.utils import set_random_seed
 
     from agents.progress import ProgressDisplay
+    from agents.text.best_policy import BestPolicy, restore_best
+    from agents.text.clock import CLOCK_SIZE
     from agents.text.monitor import TrainingMonitor, load_checkpoint
 
     torch.set_num_threads(1)  # small networks: more threads cost more than they bring
@@ -187,8 +191,12 @@ def _run(config: TrainConfig, folder: RunFolder, started: float) -> dict[str, An
         model.set_logger(configure(str(folder.tensorboard), ["tensorboard"]))
         monitor = TrainingMonitor(folder, display, budget, progress)
         if progress["seconds"] < budget:
-            model.learn(_UNLIMITED_STEPS, callback=monitor, reset_num_timesteps=not config.resume)
-            monitor.save()
+            stage = make_environment(config, min(config.num_envs, PLAYED_HUMANOIDS))
+            best = BestPolicy(stage, CLOCK_SIZE, config.seed + 2_000_000, folder.best, progress)
+            model.learn(_UNLIMITED_STEPS, callback=[best, monitor], reset_num_timesteps=not config.resume)
+            monitor.save()  # the policy as training left it, to go on from
+            stage.close()
+        restore_best(model, folder.best, progress)
         display.show(budget, "evaluating")
         env.close()
         write_whole(folder.policy, model.save)
@@ -255,6 +263,8 @@ def _finish(
             "controller_steps_per_second": speed,
             "similarity": similarity_ends(history),
             "search": progress["search"],
+            "plays": progress.get("plays", []),
+            "kept": progress.get("kept"),
         },
         "onnx_largest_difference": parity,
         "cpus": cpu_count(),
