@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 
 from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE
 from anyskill_envs.simulation import CONTROLLER_STEPS, PHYSICS_STEPS
 from motion_data.skeleton import HUMANOID_XML, JOINT_NAMES
 from motion_data.window import WINDOW_FEATURES, WINDOW_FRAMES
+from rewards.onnx_files import open_session
 
 LATENT_SIZE = 64
 FORMAT_VERSION = "2"
@@ -95,17 +95,10 @@ class _OnnxModel:
         self._load()
 
     def _load(self) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = self._num_threads
-        options.log_severity_level = 3
-        # Threads that spin while they wait for the next call would take the cores away from the physics.
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
-            self._session = onnxruntime.InferenceSession(
-                self.path.read_bytes(), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # onnxruntime raises several unrelated types for a broken file
-            raise ContractError(f"'{self.path}' is not a readable ONNX file ({error}). {_REPAIR}") from error
+            self._session = open_session(self.path, self._num_threads)
+        except ValueError as error:
+            raise ContractError(f"{error} {_REPAIR}") from error
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         expected = contract(self.kind)
         wrong = [

@@ -1,7 +1,6 @@
 """A motion clip: poses over time with source, licence and labels, stored without pickle."""
 
 import json
-import os
 import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from motion_data.files import write_whole
 from motion_data.skeleton import FRAME_RATE, JOINT_NAMES, QPOS_SIZE, differentiate, heading, mirror_qpos
 
 _FORMAT_VERSION = 1
@@ -143,7 +143,6 @@ class MotionClip:
             The path written.
         """
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
         header = {
             "format_version": _FORMAT_VERSION,
             "name": self.name,
@@ -155,9 +154,8 @@ class MotionClip:
             "loop": self.loop,
             "joints": list(JOINT_NAMES),
         }
-        temporary = path.with_suffix(".tmp.npz")
-        np.savez_compressed(temporary, header=np.array(json.dumps(header)), qpos=self.qpos)
-        os.replace(temporary, path)
+        text = np.array(json.dumps(header))
+        write_whole(path, lambda temporary: np.savez_compressed(temporary, header=text, qpos=self.qpos))
         return path
 
     @classmethod

@@ -5,7 +5,6 @@ import hashlib
 import importlib.metadata
 import json
 import logging
-import os
 import re
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from motion_data.clip import MotionClip
+from motion_data.files import write_whole
 from motion_data.library import MotionLibrary, imports_folder
 from motion_data.nearest import NearestKeys
 from motion_data.readers import read_motion
@@ -184,17 +184,14 @@ class MotionDatabase:
             The path written.
         """
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
         header = {
             "format_version": _FORMAT_VERSION,
             "kind": "motion_database",
             "names": self.names,
             "key_layout": {name: [place.start, place.stop] for name, place in KEY_LAYOUT.items()},
         }
-        temporary = path.with_suffix(f".{os.getpid()}.npz")
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
-        np.savez_compressed(temporary, header=np.array(json.dumps(header)), **arrays)
-        os.replace(temporary, path)
+        arrays = {"header": np.array(json.dumps(header)), **{name: getattr(self, name) for name in _ARRAYS}}
+        write_whole(path, lambda temporary: np.savez_compressed(temporary, **arrays))
         return path
 
     @classmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -10,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
+from motion_data.files import write_whole
 from motion_data.skeleton import HUMANOID_XML
 from rewards.base import FloatArray
 from rewards.minilm import WEIGHTS_SHA256, load_minilm, verified_folder
+from rewards.onnx_files import open_session
 from rewards.projection import OBSERVATION_SIZE, state_inputs
 
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
@@ -63,17 +65,10 @@ class _Tower:
     def _open(self) -> None:
         if not self.path.is_file():
             raise EncoderError(f"No {self.tower} tower of the encoder at '{self.path}'. {_REPAIR}")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = self.num_threads
-        options.log_severity_level = 3
-        # Threads that spin while they wait for the next call would take the cores away from the physics.
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
-            self.session = onnxruntime.InferenceSession(
-                self.path.read_bytes(), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # onnxruntime raises several unrelated types for a broken file
-            raise EncoderError(f"'{self.path}' is not a readable ONNX file ({error}). {_REPAIR}") from error
+            self.session = open_session(self.path, self.num_threads)
+        except ValueError as error:
+            raise EncoderError(f"{error} {_REPAIR}") from error
         self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
         wrong = [
             f"{name} is {self.metadata.get(name, 'missing')}, expected {value}"
@@ -226,10 +221,5 @@ def _read_feature(file: Path, size: int) -> FloatArray | None:
 
 def _write_feature(file: Path, feature: FloatArray) -> None:
     """Caches a feature, whole or not at all; a folder that cannot be written is no reason to stop."""
-    temporary = file.with_name(f"{file.stem}.{os.getpid()}.tmp.npy")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.save(temporary, feature)
-        os.replace(temporary, file)
-    except OSError:
-        temporary.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        write_whole(file, lambda temporary: np.save(temporary, feature))

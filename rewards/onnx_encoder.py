@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import shutil
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from rewards.base import FloatArray
 from rewards.clip_like import ClipLikeEncoder, unit
+from rewards.onnx_files import export_module, open_session
 from rewards.transformers_encoder import INSTALL, TransformersEncoder, errors_that_help, load_part
 
 KIND = "anyskill-clip-encoder"
@@ -70,15 +69,10 @@ class OnnxEncoder(ClipLikeEncoder):
             raise FileNotFoundError(
                 f"There is no '{path}'. Write it with `anyskill encoder export NAME {self.folder}`."
             )
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = self.num_threads
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
-            session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime has an exception for each way in which a file can be broken
-            raise ValueError(
-                f"'{path}' is no readable ONNX file; write it again with `anyskill encoder export`."
-            ) from error
+            session = open_session(path, self.num_threads)
+        except ValueError as error:
+            raise ValueError(f"{error} Write it again with `anyskill encoder export`.") from error
         contract = dict(session.get_modelmeta().custom_metadata_map)
         if contract.get("kind") != KIND or contract.get("format_version") != FORMAT_VERSION:
             raise ValueError(f"'{path}' was not written by this version of `anyskill encoder export`; write it again.")
@@ -173,13 +167,9 @@ def _write(encoder: TransformersEncoder, folder: Path) -> float:
         "feature_size": str(encoder.feature_size),
         "max_tokens": str(encoder.max_tokens),
     }
-    _export(
-        Tower("get_image_features", ["pixel_values"]),
-        {"pixel_values": pixels["pixel_values"]},
-        folder / IMAGE_FILE,
-        contract,
-    )
-    _export(Tower("get_text_features", names), {name: tokens[name] for name in names}, folder / TEXT_FILE, contract)
+    image, text = Tower("get_image_features", ["pixel_values"]), Tower("get_text_features", names)
+    export_module(image, {"pixel_values": pixels["pixel_values"]}, "feature", folder / IMAGE_FILE, contract)
+    export_module(text, {name: tokens[name] for name in names}, "feature", folder / TEXT_FILE, contract)
     encoder.model.config.save_pretrained(folder)
     encoder.tokenizer.save_pretrained(folder)
     encoder.image_processor.save_pretrained(folder)
@@ -194,27 +184,3 @@ def _write(encoder: TransformersEncoder, folder: Path) -> float:
             f"{PARITY_TOLERANCE}."
         )
     return difference
-
-
-def _export(tower: Any, inputs: dict[str, Any], path: Path, contract: dict[str, str]) -> None:
-    import onnx
-    import torch
-
-    batch = torch.export.Dim("batch")
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-    with warnings.catch_warnings(), torch.inference_mode():
-        warnings.simplefilter("ignore")  # the exporter warns about its own internals
-        torch.onnx.export(
-            tower.eval(),
-            tuple(inputs.values()),
-            str(path),
-            input_names=list(inputs),
-            output_names=["feature"],
-            dynamic_shapes=tuple({0: batch} for _ in inputs),
-            dynamo=True,
-            external_data=False,
-            verbose=False,
-        )
-    proto = onnx.load(path)
-    onnx.helper.set_model_props(proto, contract)
-    onnx.save(proto, path)

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from motion_data.skeleton import HUMANOID_XML
 from rewards.base import FloatArray
+from rewards.onnx_files import open_session
 
 if TYPE_CHECKING:
     from rewards.encoders import Encoder
@@ -95,15 +95,10 @@ class StateProjection:
         again = "Make it with `anyskill encoder project --encoder NAME`."
         if not self.path.is_file():
             raise ProjectionError(f"There is no state projection at '{self.path}'. {again}")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = self.num_threads
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
-            self._session = onnxruntime.InferenceSession(
-                self.path.read_bytes(), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # onnxruntime raises several unrelated types for a broken file
-            raise ProjectionError(f"'{self.path}' is no readable ONNX file. {again}") from error
+            self._session = open_session(self.path, self.num_threads)
+        except ValueError as error:
+            raise ProjectionError(f"{error} {again}") from error
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         body = hashlib.sha256(HUMANOID_XML.read_bytes()).hexdigest()
         expected = {"kind": KIND, "format_version": FORMAT_VERSION, "model_xml_sha256": body}

@@ -76,7 +76,7 @@ def test_an_exported_model_has_the_same_features(folder, encoder, tmp_path):
     with pytest.raises(FileExistsError, match="not empty"):
         export_encoder(encoder, target)
     (target / "text.onnx").write_bytes(b"half a file")
-    with pytest.raises(ValueError, match="no readable ONNX"):
+    with pytest.raises(ValueError, match="not a readable ONNX"):
         load_encoder(str(target))
 
 

@@ -1,12 +1,8 @@
 """Writes a trained student as the ONNX files that environments read."""
 
-import logging
-import os
-import warnings
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 from torch import nn
 
@@ -22,7 +18,9 @@ from anyskill_envs.controller import (
     contract,
 )
 from anyskill_envs.observation import OBSERVATION_SIZE
+from motion_data.files import write_whole
 from motion_data.window import WINDOW_FEATURES, WINDOW_FRAMES
+from rewards.onnx_files import export_module
 
 _LATENT_EVERY = 5  # frames between the windows whose latents are stored: one high-level decision
 
@@ -52,14 +50,14 @@ def export_student(
     window = torch.randn(3, WINDOW_FRAMES, WINDOW_FEATURES)
     controller_path = folder / CONTROLLER_FILE.name
     encoder_path = folder / ENCODER_FILE.name
-    write_onnx(
+    export_module(
         student.policy,
         {"observation": observation, "latent": latent},
         "target",
         controller_path,
         contract("low_level_controller", **details),
     )
-    write_onnx(student.encoder, {"window": window}, "latent", encoder_path, contract("motion_encoder", **details))
+    export_module(student.encoder, {"window": window}, "latent", encoder_path, contract("motion_encoder", **details))
     controller, encoder = LowLevelController.load(controller_path), MotionEncoder.load(encoder_path)
     with torch.no_grad():
         for name, exported, expected in (
@@ -71,31 +69,6 @@ def export_student(
                 raise RuntimeError(f"The exported {name} differs from the torch model by {difference:.2g}.")
     _write_latents(encoder, motions, folder / LATENTS_FILE.name)
     return controller_path, encoder_path
-
-
-def write_onnx(
-    module: nn.Module, inputs: dict[str, torch.Tensor], output: str, path: Path, metadata: dict[str, str]
-) -> None:
-    """Exports a module with a dynamic first dimension and metadata, whole or not at all."""
-    temporary = path.with_suffix(".tmp.onnx")
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it tells everyone who has no torchvision
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            module,
-            tuple(inputs.values()),
-            temporary,
-            input_names=list(inputs),
-            output_names=[output],
-            dynamic_shapes=tuple({0: torch.export.Dim("batch")} for _ in inputs),
-            dynamo=True,
-            external_data=False,
-            verbose=False,
-        )
-    model = onnx.load(temporary)
-    onnx.helper.set_model_props(model, metadata)
-    onnx.save(model, temporary)
-    os.replace(temporary, path)
 
 
 def _write_latents(encoder: MotionEncoder, motions: ReferenceMotions, path: Path) -> None:
@@ -110,12 +83,10 @@ def _write_latents(encoder: MotionEncoder, motions: ReferenceMotions, path: Path
     )
     window_ends = motions.ahead(frames, WINDOW_FRAMES - 1)
     tumbles = np.concatenate([[0], np.cumsum(~motions.upright)])
-    temporary = path.with_suffix(".tmp.npz")
-    np.savez_compressed(
-        temporary,
-        names=np.array(motions.names),
-        clips=motions.clip_of_frame[frames],
-        latents=latents.astype(np.float32),
-        standing=tumbles[window_ends + 1] == tumbles[frames],
-    )
-    os.replace(temporary, path)
+    arrays = {
+        "names": np.array(motions.names),
+        "clips": motions.clip_of_frame[frames],
+        "latents": latents.astype(np.float32),
+        "standing": tumbles[window_ends + 1] == tumbles[frames],
+    }
+    write_whole(path, lambda temporary: np.savez_compressed(temporary, **arrays))

@@ -11,6 +11,8 @@ import numpy as np
 import torch
 from rich.progress import Progress
 
+from motion_data.files import write_whole
+
 _LOG = logging.getLogger(__name__)
 _SAVE_EVERY = 60.0  # seconds
 _LOG_EVERY = 20  # updates
@@ -58,9 +60,8 @@ class Stage(ABC):
 
     def save(self) -> None:
         """Writes the checkpoint, whole or not at all."""
-        temporary = self.path.with_suffix(".tmp")
-        torch.save({**self.state(), "samples": self.samples, "seconds": self.seconds}, temporary)
-        os.replace(temporary, self.path)
+        content = {**self.state(), "samples": self.samples, "seconds": self.seconds}
+        write_whole(self.path, lambda temporary: torch.save(content, temporary))
 
     def run(self) -> None:
         """Trains until the time is used up; saves every minute."""

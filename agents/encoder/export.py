@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 from torch import Tensor, nn
 
 from agents.encoder.networks import ImageTower, StateTower, TextHead
 from anyskill_envs.observation import OBSERVATION_LAYOUT
+from motion_data.files import write_whole
 from rewards.bundled import FILM_FRAMES, OBSERVATION_SIZE, contract
 from rewards.minilm import TOKEN_SIZE
+from rewards.onnx_files import export_module, open_session
 
 VERSION = "2"
 _TOLERANCE = 1e-4
@@ -37,35 +36,18 @@ def write_module(
     Raises:
         RuntimeError: the file gives another result than torch.
     """
-    import onnxruntime
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp.onnx")
-    module.eval()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            module,
-            tuple(inputs.values()),
-            temporary,
-            input_names=list(inputs),
-            output_names=["feature"],
-            dynamic_shapes=dynamic,
-            dynamo=True,
-            external_data=False,
-            verbose=False,
-        )
-    model = onnx.load(temporary)
-    onnx.helper.set_model_props(model, metadata)
-    onnx.save(model, temporary)
-    session = onnxruntime.InferenceSession(temporary, providers=["CPUExecutionProvider"])
-    with torch.no_grad():
-        expected = module(*inputs.values()).numpy()
-    found = session.run(["feature"], {name: value.numpy() for name, value in inputs.items()})[0]
-    difference = float(np.abs(found - expected).max())
-    if difference > _TOLERANCE:
-        raise RuntimeError(f"The exported '{path.name}' differs from the torch model by {difference:.2g}.")
-    os.replace(temporary, path)
+    def write(temporary: Path) -> None:
+        export_module(module, inputs, "feature", temporary, metadata, dynamic)
+        with torch.no_grad():
+            expected = module(*inputs.values()).numpy()
+        given = {name: value.numpy() for name, value in inputs.items()}
+        found = open_session(temporary, 0).run(["feature"], given)[0]
+        difference = float(np.abs(found - expected).max())
+        if difference > _TOLERANCE:
+            raise RuntimeError(f"The exported '{path.name}' differs from the torch model by {difference:.2g}.")
+
+    write_whole(path, write)
 
 
 def write_state_tower(

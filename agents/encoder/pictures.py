@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from agents.encoder.networks import ImageTower
 from agents.encoder.scenes import ObjectLayout
 from anyskill_envs.objects.scene import Scene
 from anyskill_envs.rendering import FRONT_CAMERA, SCENE_CAMERA, Camera, HumanoidRenderer
+from motion_data.files import write_whole
 from rewards.bundled import shrink
 
 log = logging.getLogger(__name__)
@@ -191,8 +193,7 @@ def train_image_tower(
             if place % 20 == 0:
                 progress.set_postfix(cosine=f"{cosine.mean().item():.3f}")
         stored = {"tower": tower.state_dict(), "optimiser": optimiser.state_dict(), "epoch": epoch + 1}
-        torch.save(stored, checkpoint.with_suffix(".tmp"))
-        checkpoint.with_suffix(".tmp").replace(checkpoint)
+        write_whole(checkpoint, partial(torch.save, stored))
     progress.close()
     log.info("image tower trained in %.0f s", time.monotonic() - started)
     return tower.eval()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from agents.encoder.networks import StateTower, TextHead
 from agents.encoder.sampling import CaptionSampler, MotionSampler
 from agents.encoder.scenes import ObjectLayout
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
+from motion_data.files import write_whole
 from rewards.minilm import load_minilm
 
 
@@ -172,7 +174,6 @@ def train_towers(
         if time.monotonic() - saved > 60 or step + 1 == config.steps:
             saved = time.monotonic()
             stored = {"modules": modules.state_dict(), "optimiser": optimiser.state_dict(), "step": step + 1}
-            torch.save(stored, checkpoint.with_suffix(".tmp"))
-            checkpoint.with_suffix(".tmp").replace(checkpoint)
+            write_whole(checkpoint, partial(torch.save, stored))
     modules.eval()
     return towers
