@@ -60,3 +60,10 @@ def _bundled() -> tuple[MotionClip, ...]:
 def gait_clips() -> list[MotionClip]:
     """The bundled gaits at 30 frames per second."""
     return list(_bundled())
+
+
+def flight_gaits() -> set[str]:
+    """Names of the bundled gaits with a phase of flight, mirrored twins included."""
+    entries = read_table(GAITS_YAML, "gaits")["gaits"]
+    flying = [(name, entry) for name, entry in entries.items() if _gait(name, entry).runs]
+    return {name for name, _ in flying} | {entry["mirror"] for _, entry in flying if "mirror" in entry}

@@ -4,20 +4,12 @@ import numpy as np
 
 from agents.controller.reference import ReferenceMotions
 from anyskill_envs.simulation import CONTROLLER_STEPS
+from motion_data.gait_table import flight_gaits
 from motion_data.skeleton import FRAME_RATE, body_index, heading, kinematics
 
 ACROBATIC = {"backflip", "cartwheel", "roll", "spin", "spinkick"}
 """Clips with flight or acrobatics, reported apart."""
-FLIGHT = {
-    "jump",
-    "run",
-    "jog",
-    "jog_in_place",
-    "run_steadily",
-    "run_quickly",
-    "run_in_a_curve_left",
-    "run_in_a_curve_right",
-}
+FLIGHT = {"jump", "run"} | flight_gaits()
 """Clips with a phase of flight, reported apart from those without."""
 
 _PLANTED = 0.06  # metres that an ankle of a standing clip may move
