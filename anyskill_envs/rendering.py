@@ -239,8 +239,8 @@ def make_renderer(
 class HumanoidRenderer:
     """Draws the humanoid in a pose.
 
-    Presets: "clip_fast" for encoders (no multisampling, shadows, reflections or sky: about an order of magnitude faster
-    in software), "video" for people.
+    Presets: "clip_fast" for encoders (no multisampling, shadows, reflections or sky: faster in software),
+    "video" for people.
 
     The GL context is created with the first picture, so that an environment which is never rendered does not pay for it.
     """

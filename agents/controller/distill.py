@@ -32,7 +32,7 @@ from motion_data.window import WINDOW_FEATURES, WINDOW_MIRROR_INDEX, WINDOW_MIRR
 
 @dataclass(frozen=True)
 class DistillConfig:
-    """Settings of distillation; measured on two cores."""
+    """Settings of distillation, chosen for two cores."""
 
     minutes: float = 25.0
     """Training time in minutes, over all sessions."""

@@ -1,7 +1,7 @@
 """The part of PPO (Schulman et al. 2017) that the stages of controller training share.
 
 Stable-Baselines3 trains the high level; here the actor is a residual or a frozen-encoder policy in bfloat16 on thousands
-of humanoid-steps per second, for which its rollout buffer and float32 networks are four times too slow on two cores.
+of humanoid-steps per second, for which its rollout buffer and float32 networks are too slow on two cores.
 """
 
 from dataclasses import dataclass

@@ -23,7 +23,7 @@ from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig, 
 
 @dataclass(frozen=True)
 class TeacherConfig:
-    """Settings of PPO (Schulman et al. 2017) for motion tracking; measured on two cores."""
+    """Settings of PPO (Schulman et al. 2017) for motion tracking, chosen for two cores."""
 
     minutes: float = 60.0
     """Training time in minutes, over all sessions."""

@@ -141,8 +141,9 @@ def fit_projection(
 ) -> Fit:
     """Fits a state tower to image features.
 
-    The loss is the share of the features' variance that stays unexplained. Features of a real CLIP lie close together, so
-    that their mean alone has a cosine of 0.9 with each: what tells poses apart is in the rest.
+    The loss is the share of the features' variance that stays unexplained. Features of a real CLIP lie close together:
+    their mean alone has a high cosine with each (`anyskill encoder project` prints it), and what tells poses apart is in
+    the rest.
 
     Args:
         states: the states.
