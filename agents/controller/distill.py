@@ -68,7 +68,11 @@ class DistillConfig:
     """Weights (safetensors) to begin with when there is no checkpoint yet."""
     tracking: TrackingConfig = field(
         default_factory=lambda: TrackingConfig(
-            failure_distance=0.4, episode_steps=300, mean_holds=(3, 5, 5, 15, 60, 150, 150), unsettled=0.2
+            failure_distance=0.4,
+            episode_steps=300,
+            mean_holds=(3, 5, 5, 15, 60, 150, 150),
+            unsettled=0.2,
+            synchronise_after=15,
         )
     )
     """How episodes run."""

@@ -1,7 +1,7 @@
 """Stage 3: fine-tune the distilled controller by PPO under random latents, switches and pushes; the encoder stays.
 
-Distillation copies what the teacher does where the teacher has been; here the controller itself learns to keep its feet
-under changes of intent and disturbances, while the tracking reward keeps its skills.
+Distillation copies what the teacher does, who sees the reference; here the controller itself learns to keep its feet while
+intents are held, change, and pushes come. Tracking rewards it, and the teacher goes on showing what it would do.
 """
 
 import copy
@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 import torch
 from torch import nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from agents.controller.evaluate import evaluate_random
 from agents.controller.networks import Normalizer, fast_arithmetic, mlp
-from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages
+from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages, neighbouring_means
 from agents.controller.reference import ReferenceMotions
 from agents.controller.stage import Stage
 from agents.controller.student import Student
+from agents.controller.teacher import Teacher
 from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig
 from anyskill_envs.controller import LATENT_SIZE
 from anyskill_envs.observation import OBSERVATION_SIZE
@@ -40,23 +42,30 @@ class FinetuneConfig:
     """Length of the random vector added to a latent before it is normalised again."""
     critic_seconds: float = 40.0
     """The critic learns alone for so long."""
+    smoothness: float = 0.05
+    """Weight of the loss on trembling; see :class:`agents.controller.ppo.PPO`."""
+    imitation: float = 1.0
+    """Weight of the loss on the distance from the teacher's actions; see :class:`agents.controller.ppo.PPO`."""
+    averaging: float = 0.98
+    """Decay of the running mean of the weights, per update: the mean is what training yields."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 0
     """Threads for physics and learning; 0 for one per CPU."""
     ppo: PPOSettings = field(
         default_factory=lambda: PPOSettings(
-            learning_rate=1e-4, target_divergence=0.03, discount=0.97, trace=0.93, exploration=0.5, epochs=3
+            learning_rate=1e-4, target_divergence=0.03, discount=0.98, trace=0.93, exploration=0.5, epochs=3
         )
     )
     """Settings of the update."""
     tracking: TrackingConfig = field(
         default_factory=lambda: TrackingConfig(
-            failure_distance=0.6,
+            failure_distance=0.5,
             episode_steps=300,
             grace_steps=45,
-            mean_holds=(3, 5, 15, 60, 200),
-            unsettled=0.6,
+            mean_holds=(3, 5, 5, 15, 60, 200, 200),
+            unsettled=0.4,
+            synchronise_after=15,
         )
     )
     """How episodes run: more switches and pushes than in the stages before."""
@@ -67,23 +76,30 @@ class FinetuneTrainer(Stage):
 
     Args:
         student: The distilled controller.
+        teacher: The tracking policy it was distilled from.
         motions: The reference motions.
         folder: Where the checkpoint ``finetuned.pt`` lives.
         config: Settings.
     """
 
-    def __init__(self, student: Student, motions: ReferenceMotions, folder: Path, config: FinetuneConfig):
+    def __init__(
+        self, student: Student, teacher: Teacher, motions: ReferenceMotions, folder: Path, config: FinetuneConfig
+    ):
         super().__init__(folder / "finetuned.pt", config.minutes, config.seed, config.threads)
         self.config, self.motions = config, motions
-        self.student = copy.deepcopy(student)
+        self.student, self.teacher = copy.deepcopy(student), teacher
         self.critic_normalizer = Normalizer(_CRITIC_INPUT)
         self.critic = mlp([_CRITIC_INPUT, 512, 512, 1])
-        self.ppo = PPO(self.student.policy.network, self.critic, config.ppo, effort=0.0)
+        network = self.student.policy.network
+        self.ppo = PPO(network, self.critic, config.ppo, smoothness=config.smoothness, imitation=config.imitation)
         if self.checkpoint:
             self.student.load_state_dict(self.checkpoint["model"])
             self.critic.load_state_dict(self.checkpoint["critic"])
             self.critic_normalizer.load_state_dict(self.checkpoint["critic_normalizer"])
             self.ppo.restore(self.checkpoint)
+        self.averaged = AveragedModel(self.student, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
+        if self.checkpoint:
+            self.averaged.load_state_dict(self.checkpoint["averaged"])
         self.tracking = Tracking(motions, config.num_humanoids, self.rng, config.tracking, config.threads)
         self._latent = torch.zeros(config.num_humanoids, LATENT_SIZE)
 
@@ -91,6 +107,7 @@ class FinetuneTrainer(Stage):
         """Networks and optimisers."""
         return {
             "model": self.student.state_dict(),
+            "averaged": self.averaged.state_dict(),
             "critic": self.critic.state_dict(),
             "critic_normalizer": self.critic_normalizer.state_dict(),
             **self.ppo.state(),
@@ -99,12 +116,14 @@ class FinetuneTrainer(Stage):
     def train(self) -> Student:
         """Trains until the time is used up."""
         self.run()
-        return self.student
+        assert isinstance(self.averaged.module, Student)
+        return self.averaged.module
 
     def update(self) -> dict[str, float]:
         """One rollout and one update of PPO."""
         rollout, reward, failures = self._collect()
         divergence = self.ppo.learn(rollout, update_actor=self.seconds > self.config.critic_seconds)
+        self.averaged.update_parameters(self.student)
         self.samples += len(rollout.returns)
         return {"reward": reward, "failures": failures, "divergence": divergence}
 
@@ -133,7 +152,7 @@ class FinetuneTrainer(Stage):
         steps, n, discount = config.horizon, config.num_humanoids, config.ppo.discount
         inputs = torch.empty(steps, n, OBSERVATION_SIZE + LATENT_SIZE, dtype=torch.bfloat16)
         critic_inputs = torch.empty(steps, n, _CRITIC_INPUT, dtype=torch.bfloat16)
-        means, actions = torch.empty(steps, n, 28), torch.empty(steps, n, 28)
+        means, actions, labels = (torch.empty(steps, n, 28) for _ in range(3))
         values, rewards, ends = torch.empty(steps + 1, n), torch.empty(steps, n), torch.empty(steps, n)
         failures = 0.0
         for step in range(steps):
@@ -141,6 +160,7 @@ class FinetuneTrainer(Stage):
             observation = policy.normalizer(torch.from_numpy(tracking.observation))
             inputs[step] = torch.cat([observation, self._latent * LATENT_SIZE**0.5], 1)
             critic_inputs[step] = self._critic_input()
+            labels[step] = torch.from_numpy(self.teacher.targets(tracking))
             with fast_arithmetic():
                 means[step] = policy.network(inputs[step]).float()
                 values[step] = self.critic(critic_inputs[step]).float()[:, 0]
@@ -160,5 +180,7 @@ class FinetuneTrainer(Stage):
             actions.flatten(0, 1),
             advantages,
             returns,
+            neighbouring_means(means, ends).flatten(0, 1),
+            labels.flatten(0, 1),
         )
         return rollout, float(rewards.mean()) / (1 - discount), failures

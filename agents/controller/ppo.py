@@ -52,6 +52,8 @@ class Rollout:
     returns: torch.Tensor
     neighbours: torch.Tensor | None = None
     """Mean of the actions before and after each; see :func:`neighbouring_means`. Needed for smoothness."""
+    labels: torch.Tensor | None = None
+    """What a teacher would do. Needed for imitation."""
 
 
 def neighbouring_means(means: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
@@ -104,6 +106,8 @@ class PPO:
         smoothness: Weight of the squared distance of a mean action from those around it (in units of 0.08 rad). A policy
             that trembles pays; one that moves steadily does not. After CAPS (Mysore et al. 2021), whose temporal term
             compares with the next action alone and so punishes motion too.
+        imitation: Weight of the distance of a mean action from the teacher's (in units of 0.08 rad; squares below 0.05
+            rad). After kickstarting (Schmitt et al. 2018): what is learned anew costs nothing of what the teacher can do.
 
     Attributes:
         learning_rate: Current learning rate of the actor.
@@ -111,10 +115,16 @@ class PPO:
     """
 
     def __init__(
-        self, actor: nn.Module, critic: nn.Module, settings: PPOSettings, effort: float, smoothness: float = 0.0
+        self,
+        actor: nn.Module,
+        critic: nn.Module,
+        settings: PPOSettings,
+        effort: float = 0.0,
+        smoothness: float = 0.0,
+        imitation: float = 0.0,
     ):
         self.actor, self.critic, self.settings, self._effort = actor, critic, settings, effort
-        self._smoothness = smoothness
+        self._smoothness, self._imitation = smoothness, imitation
         self.noise = JOINT_NOISE * settings.exploration
         self.learning_rate = settings.learning_rate
         self.target_divergence = settings.target_divergence
@@ -156,6 +166,10 @@ class PPO:
                     assert rollout.neighbours is not None, "smoothness needs the neighbouring means"
                     away = (mean - rollout.neighbours[batch]) / 0.08
                     loss = loss + self._smoothness * away.square().mean()
+                if self._imitation:
+                    assert rollout.labels is not None, "imitation needs the teacher's actions"
+                    apart = nn.functional.smooth_l1_loss(mean, rollout.labels[batch], beta=0.05)
+                    loss = loss + self._imitation * apart / 0.08
                 _descend(self.actor_optimizer, loss, self.actor)
                 divergences.append(float(0.5 * ((mean.detach() - old) / self.noise).square().sum(-1).mean()))
         divergence = float(np.mean(divergences[-4:])) if divergences else 0.0

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from safetensors.torch import load_file
 from torch import nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from agents.controller.networks import Normalizer, fast_arithmetic, mlp
 from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages, neighbouring_means
@@ -35,6 +36,8 @@ class TeacherConfig:
     """Widths of actor and critic."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     """Settings of the update."""
+    averaging: float = 0.98
+    """Decay of the running mean of the weights, per update: single updates gain one clip and lose another for a while."""
     smoothness: float = 0.05
     """Weight of the loss on trembling; see :class:`agents.controller.ppo.PPO`."""
     settling: float = 0.25
@@ -70,11 +73,15 @@ class Teacher(nn.Module):
 
     @classmethod
     def load(cls, path: Path) -> "Teacher":
-        """Reads the teacher of a training checkpoint."""
+        """Reads the teacher of a training checkpoint: the running mean of its weights."""
         state = torch.load(path, weights_only=True)
         teacher = cls(tuple(state["hidden"]))
-        teacher.load_state_dict(state["model"])
-        return teacher
+        if "averaged" not in state:
+            teacher.load_state_dict(state["model"])
+            return teacher
+        averaged = AveragedModel(teacher)
+        averaged.load_state_dict(state["averaged"])
+        return averaged.module  # type: ignore[return-value]
 
 
 class TeacherTrainer(Stage):
@@ -96,16 +103,31 @@ class TeacherTrainer(Stage):
             self.ppo.restore(self.checkpoint)
         elif config.initial:
             self.teacher.load_state_dict(load_file(config.initial))
+        self._averaged = AveragedModel(self.teacher, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
+        if self.checkpoint and "averaged" in self.checkpoint:
+            self._averaged.load_state_dict(self.checkpoint["averaged"])
         self.tracking = Tracking(motions, config.num_humanoids, self.rng, config.tracking, config.threads)
+
+    @property
+    def averaged(self) -> Teacher:
+        """The policy with the running mean of the weights: what training yields."""
+        teacher = self._averaged.module
+        assert isinstance(teacher, Teacher)
+        return teacher
 
     def state(self) -> dict[str, Any]:
         """Networks and optimisers."""
-        return {"hidden": list(self.config.hidden), "model": self.teacher.state_dict(), **self.ppo.state()}
+        return {
+            "hidden": list(self.config.hidden),
+            "model": self.teacher.state_dict(),
+            "averaged": self._averaged.state_dict(),
+            **self.ppo.state(),
+        }
 
     def train(self) -> Teacher:
         """Trains until the time is used up."""
         self.run()
-        return self.teacher
+        return self.averaged
 
     def update(self) -> dict[str, float]:
         """One rollout and one update of PPO."""
@@ -142,6 +164,7 @@ class TeacherTrainer(Stage):
         rollout = Rollout(flat, flat, means.flatten(0, 1), actions.flatten(0, 1), advantages, returns, neighbours)
         # The critic gets a first estimate of the values before the actor follows them.
         divergence = ppo.learn(rollout, update_actor=self.samples >= 60_000)
+        self._averaged.update_parameters(teacher)
         self.samples += steps * n
         return {
             "reward": float(rewards.mean()) / (1 - discount),

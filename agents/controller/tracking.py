@@ -19,6 +19,10 @@ from motion_data.skeleton import BODY_NAMES, MIRROR_JOINT_SIGNS, MIRROR_JOINTS
 _POSE_SIZE = OBSERVATION_LAYOUT["body_linear_velocities"].start
 _EXTREMITIES = [BODY_NAMES.index(name) - 1 for name in ("head", "right_hand", "left_hand", "right_foot", "left_foot")]
 _FEET = [BODY_NAMES.index(name) for name in ("right_foot", "left_foot")]
+_POSITIONS = OBSERVATION_LAYOUT["body_positions"]
+_LINEAR = OBSERVATION_LAYOUT["body_linear_velocities"]
+_SYNCHRONISE_FRAMES = 20  # how far the reference is moved at most, either way
+_SYNCHRONISE_VELOCITY = 0.1  # seconds: what a difference of velocity counts beside one of place
 _PLANTED_SPEED = 0.15  # m/s of the ankle
 _PLANTED_HEIGHT = 0.12  # metres of the ankle
 TRACKING_SIZE = 2 * OBSERVATION_SIZE + _POSE_SIZE + 28
@@ -54,6 +58,9 @@ class TrackingConfig:
     """Chance that the next window of an unsettled episode is another upright moment of the library; each draws one."""
     grace_steps: int = 24
     """Steps after a switch during which distance from the reference does not end the episode; a fall does."""
+    synchronise_after: int | None = None
+    """Steps a window is held until the phase of the reference follows the humanoid, as its intent has no clock: whoever
+    stops half-way is then shown how to go on from there. None for never."""
     emphasis: float = 2.0
     """Power of a clip's failure rate in the time it is practised: 0 treats all clips alike."""
     joint_noise: float = 0.02
@@ -108,6 +115,7 @@ class Tracking:
         self.window = np.zeros(n, int)
         self.renewed = np.ones(n, bool)
         self._hold_left = np.zeros(n, int)
+        self._held = np.zeros(n, int)
         self._mean_hold = np.ones(n, int)
         self._switch = np.zeros(n)
         self._grace = np.zeros(n, int)
@@ -140,6 +148,7 @@ class Tracking:
         self._transition.clear(ids)
         self.window[ids] = frames
         self.renewed[ids] = True
+        self._held[ids] = 0
         holds = self._rng.choice(self.config.mean_holds, count), self._rng.choice(self.config.switch_holds, count)
         self._mean_hold[ids] = np.where(unsettled, holds[1], holds[0])
         self._switch[ids] = unsettled * self._rng.choice(self.config.switch_probabilities, count)
@@ -198,10 +207,11 @@ class Tracking:
         motions = self.motions
         self._transition.advance()
         self.frame = motions.ahead(self.frame, 1)
-        self.expected = self._ahead(0)[:, :OBSERVATION_SIZE]
         self._age += 1
         self._grace = np.maximum(self._grace - 1, 0)
         self.observation = self.simulation.observation()
+        self._synchronise()
+        self.expected = self._ahead(0)[:, :OBSERVATION_SIZE]
         rewards = np.nan_to_num(tracking_reward(self.observation, self.expected))
         fell = self.observation[:, 0] < self.expected[:, 0] - 0.4
         far = (tracking_distance(self.observation, self.expected) > self.config.failure_distance) & (self._grace == 0)
@@ -219,7 +229,9 @@ class Tracking:
         motions, rng = self.motions, self._rng
         upright = motions.upright[self.frame]
         self._hold_left -= 1
+        self._held += 1
         renewed = self._hold_left <= 0
+        self._held[renewed] = 0
         count = int(renewed.sum())
         self._hold_left[renewed] = rng.integers(1, 2 * self._mean_hold[renewed] + 1)
         switch = renewed & upright & (rng.random(len(renewed)) < self._switch)
@@ -234,6 +246,30 @@ class Tracking:
         jumped = switch | (repeat & ~motions.seamless[self.window])
         self._grace[jumped] = self.config.grace_steps
         self.renewed = renewed
+
+    def _synchronise(self) -> None:
+        """Moves the reference to the moment of its held window that is most like the humanoid's state."""
+        if self.config.synchronise_after is None:
+            return
+        ids = np.flatnonzero((self._held >= self.config.synchronise_after) & (self._grace == 0))
+        if not len(ids):
+            return
+        motions, frame, window = self.motions, self.frame[ids], self.window[ids]
+        last = np.minimum(window + motions.period[window], motions.last[window])
+        moments = np.arange(-_SYNCHRONISE_FRAMES, _SYNCHRONISE_FRAMES + 1)
+        frames = np.clip(frame[:, None] + moments, window[:, None], np.maximum(last, frame)[:, None])
+        away = self._phase_features(motions.observations[frames]) - self._phase_features(self.observation[ids])[:, None]
+        distance = np.einsum("nmf,nmf->nm", away, away)
+        best = distance.argmin(1)
+        rows = np.arange(len(ids))
+        moved = distance[rows, best] < 0.5 * distance[:, _SYNCHRONISE_FRAMES]
+        self.frame[ids[moved]] = frames[rows, best][moved]
+
+    @staticmethod
+    def _phase_features(observation: np.ndarray) -> np.ndarray:
+        """Heights, places and velocities of the bodies, all in metres, ``(..., features)``."""
+        parts = observation[..., :1], observation[..., _POSITIONS], _SYNCHRONISE_VELOCITY * observation[..., _LINEAR]
+        return np.concatenate(parts, -1)
 
     def _jump(self, ids: np.ndarray, frames: np.ndarray) -> None:
         """Goes on elsewhere in the library, smoothly."""
