@@ -153,7 +153,8 @@ def training_speed(options: Options) -> float:
     import torch
 
     from agents.text.config import TrainConfig
-    from agents.text.train import make_environment, make_model
+    from agents.text.train import make_environment
+    from agents.training.run import make_model
 
     torch.set_num_threads(1)  # as the main job does
     config = TrainConfig(

@@ -63,6 +63,15 @@ def test_a_run_leaves_a_retriever_that_plays_without_torch(run):
     np.testing.assert_allclose(load_retriever(folder / "policy.zip")(observations), expected, atol=1e-6)
 
 
+def test_the_retriever_that_earned_most_without_exploration_is_kept(run):
+    folder, _ = run
+    training = json.loads((folder / "report.json").read_text())["training"]
+    assert training["kept"]["reward"] == max(play["reward"] for play in training["plays"])
+    kept, best = (PPO.load(folder / name, device="cpu").policy.state_dict() for name in ("policy.zip", "best.zip"))
+    for name, weights in best.items():
+        np.testing.assert_array_equal(kept[name], weights)
+
+
 def test_a_run_is_resumed_and_never_overwritten_by_accident(run):
     folder, config = run
     with pytest.raises(FileExistsError, match="--resume"):
@@ -87,6 +96,17 @@ def test_evaluation_measures_what_it_says(controller, database):
     sudden = sudden_change(unlearned, options, seed=0, humanoids=2)
     assert len(sudden["seconds"]) == len(sudden["speed"]) == 12 * 30
     assert np.ptp(sudden["goal"]) == pytest.approx(np.diff(sudden["slowest_and_fastest"])[0])
+
+
+def test_an_evaluation_in_which_all_fall_at_once_says_so(controller, database):
+    options = {"databases": {"walk": database}, "controller": controller, "minimum_head_height": 3.0, "num_threads": 1}
+    result = evaluate_retrievers({"un-learned": unlearned}, options, episodes=3, seconds=2)
+    row = result["rows"]["un-learned"]
+    assert row["terminated"] == 1 and row["length"] == pytest.approx(1 / 60)
+    assert row["frechet"] is None and row["multimodality"] is None
+    json.dumps(result, allow_nan=False)
+    assert "| - | - |\n\n-: too many episodes of un-learned ended within 0.5 s" in as_table(result)
+    assert sudden_change(unlearned, options, seed=0, humanoids=2)["fell"] == 1
 
 
 def test_the_command_prints_json_alone(controller, database, capsys, tmp_path):

@@ -18,14 +18,18 @@ from agents.text.clock import CLOCK_SIZE, ClockedPolicy, with_clock
 from agents.text.config import TrainConfig
 from agents.text.evaluate import judge, load_rollouts, run_episodes
 from agents.text.export import OnnxPolicy, parity_error
-from agents.text.monitor import load_checkpoint
+from agents.text.monitor import TextMonitor
 from agents.text.play import play
-from agents.text.report import plot_curve, similarity_ends
-from agents.text.run_folder import RunFolder, slug, write_whole
+from agents.text.report import PANELS, similarity_ends
 from agents.text.search import SETTLE_DECISIONS, Earnings, search
 from agents.text.shaping import EpisodeClock
-from agents.text.train import make_environment, make_model, search_start, train
+from agents.text.train import make_environment, search_start, train
 from agents.text.warm_start import policy_earnings, warm_start
+from agents.training.monitor import load_checkpoint
+from agents.training.report import plot_curve
+from agents.training.run import make_model
+from agents.training.run_folder import RunFolder, slug
+from motion_data.files import write_whole
 from motion_data.skeleton import joint_index, rest_qpos
 
 TEXT = "raise both arms above the head"
@@ -249,6 +253,28 @@ def test_bad_options_are_refused_at_once(changes, message):
         TrainConfig(**({"text": TEXT} | changes))
 
 
+def test_a_reward_that_reads_no_text_reports_no_similarity(tmp_path, controller_file, capsys):
+    config = small_config(tmp_path / "run", controller_file, reward="velocity")
+    assert train(config) == 0
+    folder = RunFolder(config.output)
+    report = json.loads(folder.report.read_text())
+    assert "similarity" not in report["history"][0]
+    assert report["evaluation"]["similarity"] is None
+    assert report["training"]["similarity"] == {"start": None, "end": None}
+    assert [episode.similarity for episode in load_rollouts(folder.rollouts)] == [None, None]
+    assert "similarity" not in capsys.readouterr().out
+
+
+def test_ctrl_c_tells_how_to_go_on(tmp_path, controller_file, monkeypatch, capsys):
+    def interrupt(self, infos):
+        raise KeyboardInterrupt
+
+    config = small_config(tmp_path / "run", controller_file)
+    monkeypatch.setattr(TextMonitor, "sums_of", interrupt)
+    assert train(config) == 130
+    assert f"anyskill train {TEXT!r} --output {config.output} --resume" in capsys.readouterr().err
+
+
 def test_unknown_rewards_and_missing_controllers_are_refused(tmp_path, controller_file):
     with pytest.raises(ValueError, match="Unknown reward 'beauty'"):
         train(small_config(tmp_path / "a", controller_file, reward="beauty"))
@@ -394,7 +420,7 @@ def test_the_search_stops_when_its_time_is_over():
 
 
 def test_a_run_too_short_for_one_update_still_has_a_curve(tmp_path):
-    plot_curve(tmp_path / "curve.png", [], "nothing")
+    plot_curve(tmp_path / "curve.png", [], "nothing", PANELS)
     assert (tmp_path / "curve.png").stat().st_size > 0
     assert similarity_ends([]) == {"start": None, "end": None}
 

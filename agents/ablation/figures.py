@@ -52,7 +52,7 @@ def svg(figure: Figure) -> str:
 def resampled(history: Sequence[dict[str, Any]], key: str, grid: NDArray[np.float64]) -> NDArray[np.float64]:
     """A smoothed training curve at given numbers of decisions; NaN behind its end."""
     steps = np.array([entry["decisions"] for entry in history], float)
-    values = np.array([np.nan if entry[key] is None else entry[key] for entry in history], float)
+    values = np.array([np.nan if entry.get(key) is None else entry[key] for entry in history], float)
     known = np.isfinite(values)
     if not known.any():
         return np.full(len(grid), np.nan)
@@ -87,7 +87,7 @@ def plot_curves(runs: Sequence[Run], histories: Sequence[Sequence[dict[str, Any]
                 if (run.text, run.reward) == (text, reward) and history
             ]
             stacked = np.array(own)
-            if not np.nan_to_num(stacked).any():  # a reward without a text logs zeros
+            if not np.nan_to_num(stacked).any():  # a reward that reads no text has none
                 continue
             if len(stacked) > 1:
                 panel.plot(grid / 1000, stacked.T, color=palette[reward], linewidth=0.7, alpha=0.5)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from agents.ablation.evaluator import Evaluator
 from agents.ablation.plan import Run
 from agents.text.evaluate import Episode, load_rollouts
-from agents.text.run_folder import RunFolder
+from agents.training.run_folder import RunFolder
 from motion_data.library import MotionLibrary
 from motion_data.metrics import (
     foot_skate,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from agents.ablation.config import AblationConfig, differences
 from agents.text.config import TrainConfig
-from agents.text.run_folder import RunFolder, slug
+from agents.training.run_folder import RunFolder, slug
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from agents.ablation.figures import colours, plot_agreement, plot_curves, plot_m
 from agents.ablation.measure import MEASURES, LibraryFeatures, Measure, measure_run
 from agents.ablation.plan import Run
 from agents.ablation.statistics import FEWEST, TEXT_MEASURES, Interval, summarise
-from agents.text.report import versions
-from agents.text.run_folder import RunFolder
+from agents.training.report import versions
+from agents.training.run_folder import RunFolder
 
 TEMPLATE = Path(__file__).with_name("report.html")
 

@@ -19,13 +19,16 @@ from anyskill_envs.observation import OBSERVATION_LAYOUT
 from anyskill_envs.retrieval import RetrievalLocomotionVectorEnv
 from anyskill_envs.simulation import CONTROLLER_STEPS
 from motion_data.metrics import frechet_distance, frechet_floor, multimodality
-from motion_data.motion_features import windowed_features
+from motion_data.motion_features import MOTION_FEATURE_SIZE, windowed_features
 from motion_data.retrieval import MotionDatabases
 from motion_data.retrieval_keys import turned
 from motion_data.skeleton import FRAME_RATE, heading
 
 DECISIONS_PER_SECOND = FRAME_RATE / CONTROLLER_STEPS
 _LINEAR = OBSERVATION_LAYOUT["body_linear_velocities"].start
+_SHORTEST = FRAME_RATE // 2
+"""Frames below which an episode has no features: less than 0.5 s shows that it ended, not how it moved."""
+_EPISODE_STRIDE = 0.5  # s
 _REAL_STRIDE = 0.1  # s: clips are short, so their windows overlap more than those of the episodes
 _CONDITIONS = 12
 _PER_CONDITION = 10
@@ -119,8 +122,7 @@ def roll_out(
 
 def _features(motions: list[NDArray[np.float64]], stride: float) -> list[NDArray[np.float64]]:
     """Features of the 2 s windows of each motion that lasts 0.5 s, ``(windows, 88)`` each."""
-    long_enough = [qpos for qpos in motions if len(qpos) >= FRAME_RATE / 2]
-    return [windowed_features(qpos, stride_seconds=stride) for qpos in long_enough]
+    return [windowed_features(qpos, stride_seconds=stride) for qpos in motions if len(qpos) >= _SHORTEST]
 
 
 class RealMotion:
@@ -144,8 +146,19 @@ class RealMotion:
         """Frechet distance between halves of the real windows."""
         return frechet_floor(self.features, self._rng)
 
-    def distance(self, features: NDArray[np.float64]) -> float:
-        """Frechet distance to the real windows, with as many of each as in a half, so that the floor can be compared."""
+    def distance(self, motions: list[NDArray[np.float64]]) -> float | None:
+        """Frechet distance to the real windows, with as many of each as in a half, so that the floor can be compared.
+
+        Args:
+            motions: Poses of each episode, ``(T, 35)`` each.
+
+        Returns:
+            The distance; None if episodes of 0.5 s or more have fewer than 2 windows.
+        """
+        windows = _features(motions, _EPISODE_STRIDE)
+        if sum(map(len, windows)) < 2:
+            return None
+        features = np.concatenate(windows)
         count = min(len(features), len(self.features) // 2)
         one = self._rng.choice(len(features), count, replace=False)
         other = self._rng.choice(len(self.features), count, replace=False)
@@ -164,7 +177,8 @@ def same_goal_features(
     """Features of episodes under the same goal: 12 goals, some episodes of each from noisy starts.
 
     Returns:
-        Features of the last 2 s of 4 s (or of what there is after a fall), ``(12, repeats, 88)``.
+        Features of the last 2 s of 4 s (or of what there is after a fall), ``(goals, repeats, 88)``; goals under which an
+        episode lasts less than 0.5 s are left out.
     """
     rng = np.random.default_rng(seed)
     low, high = options.get("goal_speed", GOAL_SPEED)
@@ -173,8 +187,10 @@ def same_goal_features(
     env = make_environment(len(speed), options, goal_seconds=None, reset_noise_scale=0.05)
     rollout = roll_out(env, retriever, _CONDITION_SECONDS, seed, {0.0: (speed, direction)})
     env.close()
-    last = [windowed_features(qpos[-round(2 * FRAME_RATE) :])[0] for qpos in rollout.qpos]
-    return np.reshape(last, (_CONDITIONS, repeats, -1))
+    last = [qpos[-round(2 * FRAME_RATE) :] for qpos in rollout.qpos]
+    goals = [last[first : first + repeats] for first in range(0, len(last), repeats)]
+    features = [[windowed_features(qpos)[0] for qpos in goal] for goal in goals if min(map(len, goal)) >= _SHORTEST]
+    return np.reshape(features, (-1, repeats, MOTION_FEATURE_SIZE))
 
 
 def sudden_change(
@@ -231,7 +247,8 @@ def evaluate_retrievers(
         JSON values: under `rows` the measures of each retriever, under `real` those of the databases' own motion.
         `velocity_error` is RACon's MVE, the mean over frames and episodes of |v - g| in m/s; `interval` half of its 95 %
         interval over episodes; `clip_velocity_error` the same of what was retrieved; `terminated` the share of episodes
-        that ended by a fall; `length` the mean share of an episode that was reached.
+        that ended by a fall; `length` the mean share of an episode that was reached. `frechet` and `multimodality` are None
+        if too many episodes end within 0.5 s: there is no motion to compare.
     """
     rows: dict[str, Any] = {}
     real: RealMotion | None = None
@@ -252,8 +269,8 @@ def evaluate_retrievers(
             "clip_velocity_error": float(rollout.clip_error.mean()),
             "terminated": float(rollout.fell.mean()),
             "length": float(lengths.mean() / (seconds * FRAME_RATE)),
-            "frechet": real.distance(np.concatenate(_features(rollout.qpos, 0.5))),
-            "multimodality": multimodality(repeated, np.random.default_rng(seed)),
+            "frechet": real.distance(rollout.qpos),
+            "multimodality": multimodality(repeated, np.random.default_rng(seed)) if len(repeated) else None,
             "most_used_clips": {str(used[index]): float(counts[index] / counts.sum()) for index in order},
         }
     assert real is not None
@@ -283,11 +300,16 @@ def as_table(result: Mapping[str, Any]) -> str:
                 f"{row['clip_velocity_error']:.3f}",
                 f"{row['terminated']:.1%}",
                 f"{row['length']:.1%}",
-                f"{row['frechet']:.2f}",
-                f"{row['multimodality']:.2f}",
+                *("-" if row[key] is None else f"{row[key]:.2f}" for key in ("frechet", "multimodality")),
             )
         )
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+    table = "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+    unknown = [name for name, row in result["rows"].items() if None in (row["frechet"], row["multimodality"])]
+    if not unknown:
+        return table
+    return (
+        f"{table}\n\n-: too many episodes of {', '.join(unknown)} ended within 0.5 s for their motion to be compared."
+    )
 
 
 def plot_sudden_change(path: Path, series: Mapping[str, Mapping[str, Any]]) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.text.monitor import TrainingMonitor
+from agents.training.monitor import TrainingMonitor
 
 
 class RetrievalMonitor(TrainingMonitor):

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from agents.retrieval.config import named_databases
 from agents.retrieval.retriever import Retriever, load_retriever, unlearned
-from agents.text.run_folder import write_whole
 from anyskill_envs.retrieval import RetrievalLocomotionVectorEnv
 from anyskill_envs.simulation import CONTROLLER_STEPS
+from motion_data.files import write_whole
 from motion_data.skeleton import FRAME_RATE
 
 # Codes of GLFW. Its package need not be there to read them.

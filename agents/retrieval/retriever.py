@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.training.export import export_policy, open_policy
 from anyskill_envs.retrieval import RETRIEVAL_LAYOUT, RETRIEVAL_OBSERVATION_SIZE
 from motion_data.retrieval_keys import KEY_LAYOUT, KEY_SIZE
 
@@ -38,11 +39,9 @@ def export_retriever(model: PPO, path: Path, contract: dict[str, str]) -> None:
         path: Where to write the file.
         contract: Further metadata, such as the databases and the controller's hash.
     """
-    from agents.text.export import export_policy
-
     layout = {"observation_layout": _layout(RETRIEVAL_LAYOUT), "key_layout": _layout(KEY_LAYOUT)}
     action = "weights of the query, minus 1"
-    export_policy(model, path, {"kind": KIND, "clock_size": "0", "action": action, **layout, **contract})
+    export_policy(model, path, {"kind": KIND, "action": action, **layout, **contract})
 
 
 class OnnxRetriever:
@@ -59,19 +58,7 @@ class OnnxRetriever:
     """
 
     def __init__(self, path: Path) -> None:
-        import onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # a small network: threads would only wait for each other
-        try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime has an exception for each way in which a file can be broken
-            raise ValueError(
-                f"'{path}' is no readable ONNX file; write it again with `anyskill train-retrieval`."
-            ) from error
-        self.contract: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        if self.contract.get("kind") != KIND:
-            raise ValueError(f"'{path}' is an ONNX file, but no retriever of this project.")
+        self._session, self.contract = open_policy(path, KIND, "retriever", "anyskill train-retrieval")
         expected = {"observation_layout": _layout(RETRIEVAL_LAYOUT), "key_layout": _layout(KEY_LAYOUT)}
         if any(self.contract.get(name) != value for name, value in expected.items()):
             raise ValueError(

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from agents.text.checks import Trajectory, fell, find_check
 from agents.text.object_checks import find_object_check
+from agents.training.config import EPISODE_DECISIONS
 from anyskill_envs.objects.scene import Scene
 from motion_data.skeleton import FRAME_RATE, QPOS_SIZE, forward_kinematics
-
-EPISODE_DECISIONS = 60
-"""Decisions (1/6 s) of an episode of 10 s, as registered."""
 
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 """Observations `(n, 223)` to actions `(n, 64)`."""
@@ -30,7 +28,7 @@ class Episode:
     Attributes:
         qpos: Poses at 30 Hz, `(T, 35)`; in a scene with objects its poses, of which these are the first numbers.
         observations: Proprioception at 30 Hz, `(T, 223)`.
-        similarity: Mean similarity of text and motion.
+        similarity: Mean similarity of text and motion; None if the reward reads no text.
         reward: Mean reward per decision over the whole episode; decisions after a termination count 0.
         fell: Whether it terminated by a fall, or the head came below 0.5 m.
         success: What the check says, and no fall; None for a text without a check.
@@ -38,7 +36,7 @@ class Episode:
 
     qpos: NDArray[np.float64]
     observations: NDArray[np.float32]
-    similarity: float
+    similarity: float | None
     reward: float
     fell: bool
     success: bool | None
@@ -97,6 +95,7 @@ def run_episodes(
     frames: list[list[NDArray[np.float64]]] = [[] for _ in range(episodes)]
     seen: list[list[NDArray[np.float32]]] = [[] for _ in range(episodes)]
     similarity, reward_sum = np.zeros(episodes), np.zeros(episodes)
+    compares = False
     decisions = np.zeros(episodes, np.int64)
     fallen = np.zeros(episodes, bool)
     running = np.ones(episodes, bool)
@@ -108,6 +107,7 @@ def run_episodes(
             frames[index].append(info["controller_qpos"][index, :executed])
             seen[index].append(info["controller_observations"][index, :executed])
         if "similarity" in info:
+            compares = True
             similarity += np.where(running, info["similarity"], 0.0)
         reward_sum += np.where(running, reward, 0.0)
         decisions += running
@@ -124,7 +124,7 @@ def run_episodes(
             Episode(
                 qpos=qpos,
                 observations=np.concatenate(seen[index]),
-                similarity=float(similarity[index] / decisions[index]),
+                similarity=float(similarity[index] / decisions[index]) if compares else None,
                 reward=float(reward_sum[index] / EPISODE_DECISIONS),
                 fell=has_fallen,
                 success=success,
@@ -140,7 +140,10 @@ def save_rollouts(path: Path, episodes: list[Episode]) -> None:
         lengths=np.array([len(episode.qpos) for episode in episodes]),
         qpos=np.concatenate([episode.qpos for episode in episodes]),
         observations=np.concatenate([episode.observations for episode in episodes]),
-        similarity=np.array([episode.similarity for episode in episodes]),
+        # NaN: the reward reads no text
+        similarity=np.array(
+            [np.nan if episode.similarity is None else episode.similarity for episode in episodes], float
+        ),
         reward=np.array([episode.reward for episode in episodes]),
         fell=np.array([episode.fell for episode in episodes]),
         # NaN: the text has no check
@@ -164,7 +167,7 @@ def load_rollouts(path: Path) -> list[Episode]:
     rows = zip(
         np.split(data["qpos"], ends),
         np.split(data["observations"], ends),
-        data["similarity"].tolist(),
+        [None if np.isnan(similarity) else float(similarity) for similarity in data["similarity"]],
         data["reward"].tolist(),
         data["fell"].tolist(),
         [None if np.isnan(success) else bool(success) for success in data["success"]],
@@ -174,15 +177,19 @@ def load_rollouts(path: Path) -> list[Episode]:
 
 
 def summarise(episodes: list[Episode], text: str, scene: Scene | None = None) -> dict[str, Any]:
-    """Rates and means of some episodes, as JSON values; `success_rate` is None for a text without a check."""
+    """Rates and means of some episodes, as JSON values.
+
+    `success_rate` is None for a text without a check, `similarity` for a reward that reads no text.
+    """
     check = (scene and find_object_check(text, scene)) or find_check(text)
+    similarities = [episode.similarity for episode in episodes if episode.similarity is not None]
     successes = [episode.success for episode in episodes if episode.success is not None]
     return {
         "episodes": len(episodes),
         "check": None if check is None else (check.__doc__ or "").strip().splitlines()[0],
         "success_rate": float(np.mean(successes)) if successes else None,
         "fall_rate": float(np.mean([episode.fell for episode in episodes])),
-        "similarity": float(np.mean([episode.similarity for episode in episodes])),
+        "similarity": float(np.mean(similarities)) if similarities else None,
         "reward": float(np.mean([episode.reward for episode in episodes])),
         "seconds": [round(len(episode.qpos) / FRAME_RATE, 2) for episode in episodes],
     }

@@ -1,91 +1,45 @@
-"""Trained policies as ONNX files that carry their contract, and playing them without torch."""
+"""Trained text skills as ONNX files, and playing them without torch."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-import logging
-import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.text.clock import CLOCK_SIZE
+from agents.training.export import export_policy, open_policy
 from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE
 
 if TYPE_CHECKING:
     from stable_baselines3 import PPO
 
 KIND = "anyskill-text-policy"
-FORMAT_VERSION = "1"
 PARITY_TOLERANCE = 1e-5
 """Largest difference between an exported action and that of Stable-Baselines3."""
 
 
-def file_hash(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def export_text_policy(model: PPO, path: Path, contract: dict[str, str]) -> None:
+    """Writes the deterministic policy of a PPO model as ONNX: `observation` `(n, 283)` to `action` `(n, 64)`.
 
-
-def export_policy(model: PPO, path: Path, contract: dict[str, str]) -> None:
-    """Writes the deterministic policy of a PPO model as ONNX.
-
-    Input `observation` float32 `(n, 283)`, proprioception and time (see `agents.text.clock`); output `action` float32
-    `(n, 64)` in [-1, 1]: the mean action, clipped, which is what `model.predict(observation, deterministic=True)` returns.
+    The observation is proprioception and time, see `agents.text.clock`.
 
     Args:
         model: The trained model with an MlpPolicy.
         path: Where to write the file.
         contract: Further metadata, such as the text and the controller's hash.
     """
-    import onnx
-    import torch
-
-    class DeterministicPolicy(torch.nn.Module):
-        """Mean action of the Gaussian, clipped to the action space."""
-
-        def __init__(self, policy: Any) -> None:
-            super().__init__()
-            self.hidden = policy.mlp_extractor.policy_net
-            self.mean = policy.action_net
-
-        def forward(self, observation: torch.Tensor) -> torch.Tensor:
-            """Actions `(n, 64)` for observations `(n, 283)`."""
-            return torch.clamp(self.mean(self.hidden(observation)), -1.0, 1.0)
-
-    assert model.observation_space.shape is not None and model.action_space.shape is not None
-    size = model.observation_space.shape[0]
-    example = torch.zeros(2, size)
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the exporter warns about its own internals
-        program = torch.onnx.export(
-            DeterministicPolicy(model.policy).eval(),
-            (example,),
-            input_names=["observation"],
-            output_names=["action"],
-            dynamic_shapes={"observation": {0: torch.export.Dim("n")}},
-            dynamo=True,
-            verbose=False,
-        )
-    assert program is not None
-    proto = program.model_proto
+    assert model.action_space.shape is not None
     metadata = {
         "kind": KIND,
-        "format_version": FORMAT_VERSION,
-        "observation_size": str(size),
         "clock_size": str(CLOCK_SIZE),
         "observation_layout": json.dumps({name: [p.start, p.stop] for name, p in OBSERVATION_LAYOUT.items()}),
         "action": "direction of the controller's latent; the environment scales it to unit length",
         "latent_size": str(model.action_space.shape[0]),
-        "decisions_per_second": "6",
-        "quaternion_order": "wxyz",
-        **contract,
     }
-    onnx.helper.set_model_props(proto, metadata)
-    onnx.save(proto, str(path))
+    export_policy(model, path, metadata | contract)
 
 
 class OnnxPolicy:
@@ -104,19 +58,9 @@ class OnnxPolicy:
     """
 
     def __init__(self, path: Path, observation_size: int = OBSERVATION_SIZE) -> None:
-        import onnxruntime
-
         if not path.is_file():
             raise FileNotFoundError(f"There is no policy at '{path}'. Train one with `anyskill train \"<text>\"`.")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # a small network: threads would only wait for each other
-        try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime has an exception for each way in which a file can be broken
-            raise ValueError(f"'{path}' is no readable ONNX file; write it again with `anyskill train`.") from error
-        self.contract: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        if self.contract.get("kind") != KIND:
-            raise ValueError(f"'{path}' is an ONNX file, but no text policy of this project.")
+        self._session, self.contract = open_policy(path, KIND, "text policy", "anyskill train")
         if self.contract["observation_size"] != str(observation_size + CLOCK_SIZE):
             raise ValueError(
                 f"'{path}' takes {self.contract['observation_size']} observation numbers, this version of the "

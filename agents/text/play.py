@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from agents.text.config import Look, TrainConfig
-from agents.text.run_folder import RunFolder, write_whole
+from agents.training.run_folder import RunFolder
+from motion_data.files import write_whole
 
 if TYPE_CHECKING:
     from agents.text.export import OnnxPolicy

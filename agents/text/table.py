@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.text.run_folder import RunFolder
+from agents.training.run_folder import RunFolder
 
 _COLUMNS = ("text", "success", "falls", "similarity, start to end", "training", "in all", "controller steps/s")
 

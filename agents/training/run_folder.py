@@ -1,12 +1,10 @@
-"""The folder of one training run: its file names, and writing that leaves whole files only."""
+"""The folder of one training run: its file names, and what stands in the way of a new run."""
 
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +15,6 @@ _MARKS = ("config.json", "checkpoint.zip", "report.json")
 def slug(text: str) -> str:
     """A folder name for a text: "Raise both arms!" becomes "raise-both-arms"."""
     return re.sub(r"[^\w]+", "-", text.lower()).strip("-")[:60].rstrip("-") or "run"
-
-
-def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
-    """Writes a file under a temporary name and renames it, so that an interruption never leaves half a file.
-
-    Args:
-        path: Where the file shall be.
-        write: Writes it to the path that it gets, which has the same suffix.
-    """
-    temporary = path.with_name(f".{path.stem}.partial{path.suffix}")
-    write(temporary)
-    os.replace(temporary, path)
 
 
 class RunFolder:
@@ -89,6 +75,8 @@ class RunFolder:
 
     def write_json(self, path: Path, value: Any) -> None:
         """Writes a JSON file whole."""
+        from motion_data.files import write_whole  # here: it loads MuJoCo, which the help of a command does not need
+
         text = json.dumps(value, indent=2, default=str) + "\n"
         write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 

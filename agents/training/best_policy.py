@@ -16,7 +16,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.text.run_folder import write_whole
+from motion_data.files import write_whole
 
 PLAY_SECONDS = 45.0
 """Seconds of training between two plays; a play takes about two."""
@@ -25,7 +25,7 @@ PLAY_SECONDS = 45.0
 class BestPolicy(BaseCallback):
     """Plays the policy without exploration at the start, every 45 s and at the end, and keeps the one that earns most.
 
-    What counts is the reward that PPO gets, the bonus for not falling included; the checks of success are not known here.
+    What counts is the reward that PPO gets, with whatever the job adds to it; checks of success are not known here.
 
     Args:
         env: Where it is played, one episode of each humanoid; not the environment of training.
