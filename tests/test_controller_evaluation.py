@@ -109,9 +109,11 @@ def test_without_a_push_it_stands_and_a_violent_one_throws_it_over(bundled):
 
 
 def test_who_only_holds_a_pose_does_not_get_up(motions):
-    assert evaluate_get_up(Standing(), FirstAxis(), motions, seconds=1, episodes=2) == {"front": 0.0, "back": 0.0}
+    result = evaluate_get_up(Standing(), FirstAxis(), motions, seconds=1, episodes=2)
+    assert (result["front"], result["back"]) == (0.0, 0.0)
+    assert set(result["clips"].values()) == {0.0}
     alone = ReferenceMotions([AUTHORED["stand"]])
-    assert evaluate_get_up(Standing(), FirstAxis(), alone) == {"front": None, "back": None}
+    assert evaluate_get_up(Standing(), FirstAxis(), alone) == {"front": None, "back": None, "clips": {}}
 
 
 def test_what_has_fallen_is_left_alone(motions):
@@ -197,7 +199,7 @@ def test_steering_reports_what_stands_still_as_not_moving(motions):
 def test_bars_take_the_worst_of_their_measurements():
     result = {
         "push_falls": {"standing": 0.1, "walking": 0.2},
-        "get_up": {"front": 0.9, "back": None},
+        "get_up": {"front": 0.9, "back": None, "clips": {"front_up": 0.9}},
         "uniform_falls": 0.25,
     }
     rows = {row["name"]: row for row in bars(result)}

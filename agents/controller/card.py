@@ -53,8 +53,8 @@ A standing clip keeps both feet planted.
 | push of 150 N for 0.2 s in a random direction while standing, within 5 s | {push_standing} |
 | the same while walking | {push_walking} |
 
-Getting up with the latents of the get-up clips, then of standing: {front} stand 6 s after lying on the front, {back} after lying
-on the back. Mirrored states and latents change the mirrored PD targets by {mirror_difference_degrees:.1f} degrees on average.
+Getting up with the latents of a get-up clip, then of standing: {front} stand 6 s after lying on the front, {back} after lying on
+the back, by the clip that serves best ({get_up_clips}). Mirrored states and latents change the mirrored PD targets by {mirror_difference_degrees:.1f} degrees on average.
 
 ## Steering
 
@@ -124,6 +124,7 @@ def model_card(result: dict[str, Any], metadata: dict[str, str], episodes: int, 
         push_walking=_share(result["push_falls"]["walking"]),
         front=_share(result["get_up"]["front"]),
         back=_share(result["get_up"]["back"]),
+        get_up_clips=", ".join(f"{name} {_share(rate)}" for name, rate in result["get_up"]["clips"].items()),
         mirror_difference_degrees=result["mirror_difference_degrees"],
         fastest=_table(
             (

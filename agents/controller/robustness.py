@@ -1,6 +1,7 @@
 """How a controller keeps its balance: under frozen, random and mixed latents, under pushes, and getting up."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -178,7 +179,7 @@ def evaluate_get_up(
     seconds: float = 6.0,
     episodes: int = 50,
     seed: int = 0,
-) -> dict[str, float | None]:
+) -> dict[str, Any]:
     """Getting up: the latents of a get-up clip, renewed at 6 Hz, then the standing clip's.
 
     Humanoids lie as the clip begins, joints up to 0.1 rad off, and settle for half a second.
@@ -188,35 +189,34 @@ def evaluate_get_up(
         encoder: Its encoder.
         motions: Reference motions.
         seconds: When they must stand; the head stays above 1.2 m for the last half second.
-        episodes: Episodes from each side.
+        episodes: Episodes of each clip.
         seed: Seed of the draws.
 
     Returns:
-        Share that stands, from lying on the ``front`` and on the ``back``; None where no clip gets up from there or none
-        stands.
+        Share that stands by the best of the clips that get up from lying on the ``front`` and on the ``back`` (None where
+        there is none, or no clip that stands), and by each, ``clips``.
     """
     rng = np.random.default_rng(seed)
-    quiet = quiet_clips(motions)
-    result: dict[str, float | None] = {}
-    for side, clips in get_up_clips(motions).items():
-        if not len(clips) or not len(quiet):
-            result[side] = None
-            continue
-        first = motions.starts[rng.choice(clips, episodes)]
-        stand = encoder.encode(motions.windows(np.full(episodes, motions.starts[quiet[0]])))
-        simulation = start(motions, first, rng, _LYING_NOISE)
-        lying = simulation.qpos[:, 7:].copy()
-        for _ in range(_SETTLE_STEPS):
-            simulation.step(lying)
-        latent_at = _clip_then(encoder, motions, first, stand)
-        steps = round(seconds * FRAME_RATE)
-        up = np.ones(episodes, bool)
-        for step in range(steps):
-            up &= ~simulation.step(controller.act(simulation.observation(), latent_at(step)))
-            if step >= steps - 15:
-                up &= simulation.head_height > STANDING_HEIGHT
-        result[side] = float(up.mean())
-    return result
+    quiet, sides = quiet_clips(motions), get_up_clips(motions)
+    chosen = np.concatenate(list(sides.values()))
+    if not len(chosen) or not len(quiet):
+        return {**dict.fromkeys(sides), "clips": {}}
+    first = motions.starts[np.repeat(chosen, episodes)]
+    stand = encoder.encode(motions.windows(np.full(len(first), motions.starts[quiet[0]])))
+    simulation = start(motions, first, rng, _LYING_NOISE)
+    lying = simulation.qpos[:, 7:].copy()
+    for _ in range(_SETTLE_STEPS):
+        simulation.step(lying)
+    latent_at = _clip_then(encoder, motions, first, stand)
+    steps = round(seconds * FRAME_RATE)
+    up = np.ones(len(first), bool)
+    for step in range(steps):
+        up &= ~simulation.step(controller.act(simulation.observation(), latent_at(step)))
+        if step >= steps - 15:
+            up &= simulation.head_height > STANDING_HEIGHT
+    rates = {clip: float(share) for clip, share in zip(chosen, up.reshape(-1, episodes).mean(1), strict=True)}
+    best = {side: max((rates[clip] for clip in clips), default=None) for side, clips in sides.items()}
+    return {**best, "clips": {motions.names[clip]: rate for clip, rate in rates.items()}}
 
 
 def _clip_then(encoder: Encoder, motions: ReferenceMotions, first: np.ndarray, then: np.ndarray) -> LatentAt:
