@@ -24,6 +24,20 @@ _PELVIS_VELOCITY = slice(
 )
 
 
+def require_objects(reward: RewardFn, scene: Scene) -> None:
+    """Raises ValueError if a reward looks at an object, or the joint of one, and the scene has none."""
+    if "objects" in reward.needs and not scene:
+        raise ValueError(
+            "The reward looks at an object, but the scene of this environment has none: use an environment with one, "
+            'such as HumanoidSoccer-v0, or name some: objects=["ball"].'
+        )
+    if "object_angle" in reward.needs and not any(part.angles for part in scene.parts.values()):
+        raise ValueError(
+            f"The reward looks at the hinge of an object, but {', '.join(scene.parts)} in the scene of this environment has "
+            'none: use an environment with one, such as HumanoidDoor-v0, or another reward, such as "strike".'
+        )
+
+
 class HumanoidReward(EpisodicReward):
     """Rewards humanoids step by step for their states, drawing pictures only for a reward that needs them.
 
@@ -55,11 +69,7 @@ class HumanoidReward(EpisodicReward):
         scene: Scene | None = None,
     ) -> None:
         self._scene = Scene() if scene is None else scene
-        if "objects" in reward.needs and not self._scene:
-            raise ValueError(
-                "The reward looks at an object, but the scene of this environment has none: use an environment with one, "
-                'such as HumanoidSoccer-v0, or name some: objects=["ball"].'
-            )
+        require_objects(reward, self._scene)
         if latents is None and reward.needs & _LATENT_NEEDS:
             raise ValueError(
                 "The reward looks at latents of the controller, but the actions of this environment are none: use "

@@ -26,6 +26,7 @@ NEED_FIELDS = {
     "velocity": "velocity",
     "facing": "facing",
     "objects": "objects",
+    "object_angle": "objects",  # of an object with joints
     "past_features": "past_features",
 }
 
@@ -91,7 +92,7 @@ class RewardBatch:
         for need in sorted(needs):
             name = NEED_FIELDS[need]
             replaced = need in ("state", "frames") and self.image_feature is not None
-            if getattr(self, name) is None and not replaced:
+            if getattr(self, name) is None and not replaced and name not in missing:
                 missing.append(name)
         if missing:
             raise ValueError(

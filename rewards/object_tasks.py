@@ -120,13 +120,14 @@ class OpenReward(ObjectReward):
         reach: as in :class:`ApproachReward`.
 
     Raises:
-        ValueError: an angle that is not positive; or, when it is called, the object has no joint.
+        ValueError: an angle that is not positive; or, when it is called, its object has no joint.
     """
 
     def __init__(self, object: str | None = None, angle: float = 1.5, reach: float = 0.4) -> None:
         super().__init__(object)
         self.angle = _checked("angle", angle)
         self.reach = reach
+        self.needs |= {"object_angle"}
 
     def __call__(self, batch: RewardBatch) -> RewardOutput:
         """Reward n humanoids."""

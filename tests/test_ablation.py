@@ -20,7 +20,7 @@ from agents.ablation.measure import MEASURES_FILE, LibraryFeatures, measure_run
 from agents.ablation.plan import plan
 from agents.ablation.report import write_report
 from agents.ablation.statistics import interval, rank_correlation
-from agents.text.evaluate import Episode, save_rollouts
+from agents.text.evaluate import Episode, save_rollouts, scene_of
 from anyskill_envs.rendering import RenderingError
 from motion_data.clip import MotionClip
 from motion_data.library import MotionLibrary
@@ -100,6 +100,9 @@ def test_options_are_checked_at_once(tmp_path):
     assert [scaled(reward) for reward in config.rewards] == ["clip", "50*delta", "clip+0.5*velocity"]
     for changes, message in [
         ({"rewards": ("beauty",)}, "Unknown reward 'beauty'"),
+        ({"rewards": ("clip", "clip+strike")}, r"clip\+strike' does not fit --env HumanoidText-v0.*HumanoidSoccer-v0"),
+        ({"rewards": ("open",), "env": "HumanoidSoccer-v0"}, "'open' does not fit --env HumanoidSoccer-v0.*hinge of"),
+        ({"env": "HumanoidFootball-v0"}, "no environment 'HumanoidFootball-v0' that takes a text.*HumanoidSoccer-v0"),
         ({"rewards": ("clip", "clip")}, "occurs twice"),
         ({"seeds": ()}, "at least one of seeds"),
         ({"minutes": -1.0}, "minutes must be"),
@@ -118,6 +121,7 @@ def test_every_cell_is_a_run_that_goes_on_where_it_stands(tmp_path):
     words = runs[1].command()
     assert words[1:5] == ["-m", "agents.cli", "train", "squat down"]
     assert words[words.index("--reward") + 1] == "800*delta"
+    assert words[words.index("--env") + 1] == "HumanoidText-v0"
     assert not {"--resume", "--overwrite"} & set(words)
     folder = runs[1].folder
     folder.path.mkdir(parents=True)
@@ -313,3 +317,7 @@ def test_pictures_and_states_are_scored():
     except RenderingError as error:
         pytest.skip(str(error))
     assert -100 <= score <= 100
+    scene = scene_of("HumanoidPillar-v0")
+    with_pillar = np.tile(scene.rest_pose, (30, 1))
+    with_pillar[:, :35] = motion
+    assert looking.scores([(with_pillar, seen)], "squat down", scene) != [score]

@@ -10,7 +10,9 @@ from typing import Annotated, Literal
 import tyro
 
 from agents.text.config import TrainConfig
-from rewards import reward_names
+from rewards import make_reward, reward_names
+from rewards.base import takes_argument
+from rewards.weighted_sum import parse_weights
 
 REWARD_SCALES: dict[str, float] = {
     "clip": 1.0,  #    0.046
@@ -78,6 +80,9 @@ class AblationConfig:
     report_only: bool = False
     """Train nothing; measure and report the runs that are finished."""
 
+    env: str = "HumanoidText-v0"
+    """Environment of all runs, as in `anyskill train`; rewards such as strike need one with an object."""
+
     encoder: str = "bundled"
     """Encoder of the rewards."""
 
@@ -110,9 +115,10 @@ class AblationConfig:
                 raise ValueError(f"An entry of {name} occurs twice: {', '.join(map(str, values))}.")
         if self.jobs < 0:
             raise ValueError(f"jobs must be 0 (one per CPU) or more, got {self.jobs}.")
+        # the options that runs have as well are checked there
+        first = self.training(self.rewards[0], self.texts[0], self.seeds[0], self.output)
         for reward in self.rewards:
-            _check_reward(reward)
-        self.training(self.rewards[0], self.texts[0], self.seeds[0], self.output)  # its options are checked there
+            _check_reward(reward, first)
 
     def training(self, reward: str, text: str, seed: int, folder: Path) -> TrainConfig:
         """The options of one run.
@@ -125,6 +131,7 @@ class AblationConfig:
             output=folder,
             minutes=self.minutes,
             seed=seed,
+            env=self.env,
             num_envs=self.num_envs,
             batch_size=min(512, 16 * self.num_envs),
             warm_start=self.warm_start,
@@ -157,11 +164,21 @@ def differences(saved: TrainConfig, wanted: TrainConfig) -> list[str]:
     return [f"{name} is {ours}, not {theirs}" for name, ours, theirs in pairs if ours != theirs]
 
 
-def _check_reward(reward: str) -> None:
-    """Raises ValueError if a reward is unknown, without building it."""
-    from rewards.weighted_sum import parse_weights
+def _check_reward(reward: str, run: TrainConfig) -> None:
+    """Raises ValueError if a reward is unknown, or looks at an object that the environment of a run does not have."""
+    # here: they load MuJoCo, which the help of a command does not need
+    from agents.text.evaluate import scene_of
+    from agents.text.train import environment_id
+    from anyskill_envs.humanoid_reward import require_objects
 
     names = [reward] if reward in reward_names() else list(parse_weights(reward))
     unknown = [name for name in names if name not in reward_names()]
     if unknown:
         raise ValueError(f"Unknown reward {unknown[0]!r}; the rewards that exist are: {', '.join(reward_names())}.")
+    scene = scene_of(environment_id(run))
+    for name in names:
+        if not takes_argument(name, "encoder"):  # one with an encoder looks at no object, and would load its weights
+            try:
+                require_objects(make_reward(name), scene)
+            except ValueError as error:
+                raise ValueError(f"The reward {reward!r} does not fit --env {run.env}. {error}") from error

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from anyskill_envs.objects.scene import Scene
 from anyskill_envs.observation import OBSERVATION_SIZE
-from anyskill_envs.rendering import Camera, HumanoidRenderer
+from anyskill_envs.rendering import Camera, HumanoidRenderer, camera_of
 from motion_data.metrics import clip_similarity
 from rewards import Encoder, load_encoder
 from rewards.bundled import WEIGHTS_FOLDER
@@ -55,8 +56,18 @@ class Evaluator:
         numbers = np.round(np.concatenate([texts, seen]), 4)
         return hashlib.sha256(numbers.tobytes()).hexdigest()[:16] + ("-pictures" if self.pictures else "")
 
-    def scores(self, motions: Sequence[tuple[NDArray[np.float64], NDArray[np.float32]]], text: str) -> list[float]:
-        """CLIP_S of motions, given as poses `(T, 35)` and observations `(T, 223)`.
+    def scores(
+        self,
+        motions: Sequence[tuple[NDArray[np.float64], NDArray[np.float32]]],
+        text: str,
+        scene: Scene | None = None,
+    ) -> list[float]:
+        """CLIP_S of motions.
+
+        Args:
+            motions: Poses `(T, 35)`, or those of the scene, and observations `(T, 223)`.
+            text: What they are compared with.
+            scene: The objects beside the humanoid, which only pictures show; none if None.
 
         Raises:
             RenderingError: It looks at pictures, and none can be drawn on this machine.
@@ -66,15 +77,16 @@ class Evaluator:
             return [
                 float(clip_similarity(self.encoder.encode_state(seen[::FRAME_STRIDE]), wanted)) for _, seen in motions
             ]
-        renderer = HumanoidRenderer()
+        scene = scene or Scene()
+        renderer, camera = HumanoidRenderer(scene=scene), camera_of(None, scene)
         try:
-            return [float(clip_similarity(self._filmed(renderer, qpos), wanted)) for qpos, _ in motions]
+            return [float(clip_similarity(self._filmed(renderer, camera, qpos), wanted)) for qpos, _ in motions]
         finally:
             renderer.close()
 
-    def _filmed(self, renderer: HumanoidRenderer, qpos: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _filmed(self, renderer: HumanoidRenderer, camera: Camera, qpos: NDArray[np.float64]) -> NDArray[np.float32]:
         """Features of films of 0.4 s, one ending at each rendered frame."""
-        pictures = np.stack([renderer.render(pose, Camera()) for pose in qpos[::FRAME_STRIDE]])
+        pictures = np.stack([renderer.render(pose, camera) for pose in qpos[::FRAME_STRIDE]])
         ends = np.arange(len(pictures))[:, None]
         return self.encoder.encode_image(pictures[np.maximum(ends - np.arange(_FILM_FRAMES)[::-1], 0)])
 

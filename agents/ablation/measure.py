@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.ablation.evaluator import Evaluator
 from agents.ablation.plan import Run
-from agents.text.evaluate import Episode, load_rollouts
+from agents.text.evaluate import Episode, load_rollouts, scene_of
 from agents.training.run_folder import RunFolder
 from motion_data.library import MotionLibrary
 from motion_data.metrics import (
@@ -151,7 +151,8 @@ def _measure(episodes: list[Episode], run: Run, evaluator: Evaluator, library: L
     poses = [kinematics(qpos) for qpos in moving]
     means = np.array([each.mean(0) for each in windows])
     successes = [float(episode.success) for episode in episodes if episode.success is not None]
-    scores = evaluator.scores([(episode.qpos[:, :QPOS_SIZE], episode.observations) for episode in episodes], run.text)
+    motions = [(episode.qpos, episode.observations) for episode in episodes]
+    scores = evaluator.scores(motions, run.text, scene_of(run.config.env))
     skates = np.array([foot_skate(sole_corners(pose.positions, pose.quaternions)) for pose in poses])
     together = np.concatenate(windows) if windows else np.zeros((0, 1))
     values: dict[str, float | None] = {

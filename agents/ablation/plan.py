@@ -47,6 +47,7 @@ class Run:
             "output": self.folder.path,
             "minutes": config.minutes,
             "seed": config.seed,
+            "env": config.env,
             "num-envs": config.num_envs,
             "batch-size": config.batch_size,
             "warm-start": config.warm_start,
