@@ -1,5 +1,7 @@
 """The checks of what is done with objects judge hand-made poses as a person would."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from envs_common import arguments
@@ -8,6 +10,7 @@ from agents.text.config import TrainConfig
 from agents.text.evaluate import judge, run_episodes, scene_of
 from agents.text.object_checks import OBJECT_CHECKS, find_object_check
 from agents.text.train import environment_id, make_environment, train
+from anyskill_envs.objects import SceneObject, load_object
 from anyskill_envs.objects.scene import Scene
 from motion_data.skeleton import body_index, forward_kinematics, joint_index, lowest_point, rest_qpos
 
@@ -111,6 +114,18 @@ def test_standing_passes_no_check():
         standing = np.tile(scene.rest_pose, (30, 1))
         assert lowest_point(standing[:1, :35])[0] == pytest.approx(0, abs=0.01)
         assert judge(standing, False, text, scene) == (False, False)
+
+
+def test_an_object_is_found_by_its_kind_whatever_its_name():
+    ball = load_object("ball")
+    for named, found in (
+        (dataclasses.replace(ball, name="red_one"), True),
+        (SceneObject("cannon_ball", ball.mjcf), False),
+        (SceneObject("melon", ball.mjcf, kind="ball"), True),
+    ):
+        assert (find_object_check("kick the ball", Scene([named])) is not None) is found
+    with pytest.raises(ValueError, match="kind of an object must be a lower-case word"):
+        SceneObject("melon", ball.mjcf, kind="a ball")
 
 
 def test_a_text_about_an_object_that_is_not_there_has_no_check():

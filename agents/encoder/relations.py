@@ -37,12 +37,12 @@ class ObjectTrack:
         state: states of the object in the last frame.
 
     Attributes:
-        name: name of the object.
+        kind: kind of the object, such as "ball".
         state: states in the last frame, in the heading frame of the humanoid.
     """
 
     def __init__(self, scene: Scene, part: Part, positions: Array, quaternions: Array, state: ObjectState) -> None:
-        self.name = part.item.name
+        self.kind = part.item.kind
         self.state = state
         self._positions, self._quaternions = positions, quaternions
         self._root = part.body
@@ -105,7 +105,7 @@ def _closeness(o: ObjectTrack) -> Array:
 
 
 def _in_front_of(m: Measurements, o: ObjectTrack) -> Array:
-    if o.name == "chair":  # who stands in front of a chair may have the back to it: what counts is the chair's front
+    if o.kind == "chair":  # who stands in front of a chair may have the back to it: what counts is the chair's front
         ahead = o.state.rotation[:, :2]
         towards = -o.state.position[:, :2] / np.maximum(o.distance, 1e-6)[:, None]
         return ramp((ahead * towards).sum(1).astype(np.float64), 0.3, 0.9) * _closeness(o) * m.on_feet
@@ -125,7 +125,7 @@ def _facing(m: Measurements, o: ObjectTrack) -> Array:
 
 def _touching(m: Measurements, o: ObjectTrack) -> Array:
     # An ankle is 0.1 m from the sole and 0.2 m from the toes; a hand's origin is 0.05 m from its surface.
-    return o.contact(m, _FEET, 0.16) if o.name == "ball" else o.contact(m, _HANDS, 0.08)
+    return o.contact(m, _FEET, 0.16) if o.kind == "ball" else o.contact(m, _HANDS, 0.08)
 
 
 def _limb_speed(m: Measurements, bodies: tuple[str, ...]) -> Array:
@@ -136,7 +136,7 @@ def _limb_speed(m: Measurements, bodies: tuple[str, ...]) -> Array:
 def _kicking(m: Measurements, o: ObjectTrack) -> Array:
     moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(o.speed, 0.3, 1.5))
     raised = ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
-    swing = moves if o.name == "ball" else partly(moves, raised)
+    swing = moves if o.kind == "ball" else partly(moves, raised)
     return o.contact(m, _FEET, 0.2) * (0.25 + 0.75 * swing) * m.on_feet
 
 

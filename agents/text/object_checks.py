@@ -170,13 +170,13 @@ def find_object_check(text: str, scene: Scene) -> Callable[[NDArray[np.float64]]
 
     Args:
         text: The text.
-        scene: The scene; the first object of the kind that the text is about counts ("latched_door" is a door).
+        scene: The scene; the first object of the kind that the text is about counts.
 
     Returns:
         The check; None if the text has none, or the scene has no such object.
     """
     kind, check = OBJECT_CHECKS.get(normalise_text(text), ("", None))
-    name = next((name for name, part in scene.parts.items() if part.item.name.split("_")[-1] == kind), None)
+    name = next((name for name, part in scene.parts.items() if part.item.kind == kind), None)
     if check is None or name is None:
         return None
 

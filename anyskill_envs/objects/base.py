@@ -84,7 +84,7 @@ class SceneObject:
     """A thing beside the humanoid. One such constant in a file of its own, and one line that registers it, are an object.
 
     Attributes:
-        name: lower-case name, by which environments, rewards and checks find it.
+        name: lower-case name, by which environments and rewards find it.
         mjcf: the MJCF: either one `<body>`, or a whole `<mujoco>` document with assets, defaults or excluded contacts
             whose `<worldbody>` holds one body. With a `<freejoint/>` in it the object moves freely, without it stands
             fixed where it is put. Further bodies inside may have hinges and slides. The body's origin is the object's
@@ -97,9 +97,10 @@ class SceneObject:
         observed: blocks of :class:`rewards.object_state.ObjectState` that a policy observes; all that can change if
             None: position, rotation and both velocities of a free object, position and facing of a fixed one, and
             angle and velocity of each joint.
+        kind: what it is, by which texts and their checks find it: a "latched_door" is a "door". Its name if left out.
 
     Raises:
-        ValueError: a name, relation or block that does not fit.
+        ValueError: a name, kind, relation or block that does not fit.
     """
 
     name: str
@@ -109,11 +110,14 @@ class SceneObject:
     texts: tuple[str, ...] = ()
     captions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     observed: tuple[str, ...] | None = None
+    kind: str = ""
 
     def __post_init__(self) -> None:
         """Check what MuJoCo will not."""
-        if not self.name.isidentifier() or self.name != self.name.lower():
-            raise ValueError(f"The name of an object must be a lower-case word like 'ball', not {self.name!r}.")
+        object.__setattr__(self, "kind", self.kind or self.name)
+        for word, value in (("name", self.name), ("kind", self.kind)):
+            if not value.isidentifier() or value != value.lower():
+                raise ValueError(f"The {word} of an object must be a lower-case word like 'ball', not {value!r}.")
         if not 0 <= self.radius < np.inf:
             raise ValueError(f"The radius of {self.name!r} must be a number of metres from 0 on, not {self.radius}.")
         strangers = [relation for relation in self.captions if relation not in RELATIONS]

@@ -76,6 +76,7 @@ DOOR = SceneObject(
 
 LATCHED_DOOR = SceneObject(
     name="latched_door",
+    kind="door",
     mjcf=_FRAME.format(catch=_CATCH, handle=_LEVER),
     placement=_PLACEMENT,
     radius=0.55,

@@ -28,7 +28,7 @@ class Part:
 
     Attributes:
         item: the object.
-        name: its name in the scene: the object's own, with a number from the second of its kind on.
+        name: its name in the scene: the object's own, with a number from the second of that name on.
         body: index of its root body in the model.
         qpos: place of the pose of a free object in `qpos`, else None.
         qvel: place of the velocity of a free object in `qvel`, else None.
