@@ -6,20 +6,18 @@ Needs trimesh: `pip install "anyskill-envs[mesh]"`.
 from __future__ import annotations
 
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from anyskill_envs.rendering import set_pose
+from anyskill_envs.rendering import Look, check_look, set_pose
 from motion_data.skeleton import BODY_NAMES, load_model
 
 if TYPE_CHECKING:
     import trimesh
-
-Shape = Literal["simulation", "mannequin"]
 
 _SKIN_STEP = 0.025
 """Longest edge of the mannequin's skin in metres."""
@@ -29,12 +27,12 @@ _JOINT_SHARE = 0.92
 _NECK_RADIUS = 0.052
 
 
-def body_meshes(model: mujoco.MjModel | None = None, shape: Shape = "mannequin") -> list[tuple[int, trimesh.Trimesh]]:
+def body_meshes(model: mujoco.MjModel | None = None, look: Look = "mannequin") -> list[tuple[int, trimesh.Trimesh]]:
     """Meshes of the bodies in their own frames, in metres, coloured.
 
     Args:
         model: The scene; the humanoid alone if None. Floors (planes) have no mesh.
-        shape: "simulation" gives the very shapes that the physics knows. "mannequin" gives the humanoid a skin instead, one
+        look: "simulation" gives the very shapes that the physics knows. "mannequin" gives the humanoid a skin instead, one
             for each body: the hull of its shapes and its joints, smoothed, so that limbs meet where they bend. Other bodies
             keep their shapes.
 
@@ -43,17 +41,16 @@ def body_meshes(model: mujoco.MjModel | None = None, shape: Shape = "mannequin")
 
     Raises:
         ImportError: trimesh is not installed.
-        ValueError: Another shape.
+        ValueError: Another look.
     """
-    if shape not in ("simulation", "mannequin"):
-        raise ValueError(f'The shape of the mesh must be "simulation" or "mannequin", not {shape!r}.')
+    check_look(look)
     model = load_model() if model is None else model
     found = []
     humanoid = {model.body(name).id for name in BODY_NAMES}
     for body in range(model.nbody):
         geoms = np.flatnonzero(model.geom_bodyid == body).tolist()
         skinned: list[int] = []
-        if shape == "mannequin" and body in humanoid:
+        if look == "mannequin" and body in humanoid:
             # Markers such as the visor touch nothing: they stay on top of the skin.
             skinned = [geom for geom in geoms if model.geom_contype[geom] or model.geom_conaffinity[geom]]
             found.append((body, _skin(model, body, skinned)))
@@ -64,23 +61,23 @@ def body_meshes(model: mujoco.MjModel | None = None, shape: Shape = "mannequin")
     return found
 
 
-def agent_mesh(qpos: NDArray[np.float64], shape: Shape = "mannequin") -> trimesh.Scene:
+def agent_mesh(qpos: NDArray[np.float64], look: Look = "mannequin") -> trimesh.Scene:
     """The humanoid in a pose as a scene of trimesh, which exports it: `agent_mesh(qpos).export("agent.glb")`.
 
     Args:
         qpos: The pose, `(35,)`.
-        shape: See :func:`body_meshes`.
+        look: See :func:`body_meshes`.
 
     Raises:
         ImportError: trimesh is not installed.
-        ValueError: The pose or the shape is another.
+        ValueError: The pose has another shape, or another look.
     """
     trimesh = _trimesh()
     model = load_model()
     data = mujoco.MjData(model)
     set_pose(model, data, np.asarray(qpos, dtype=np.float64))
     scene = trimesh.Scene()
-    for number, (body, mesh) in enumerate(body_meshes(model, shape)):
+    for number, (body, mesh) in enumerate(body_meshes(model, look)):
         scene.add_geometry(mesh, node_name=f"{model.body(body).name}_{number}", transform=body_transform(data, body))
     return scene
 

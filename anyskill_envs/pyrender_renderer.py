@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from anyskill_envs.agent_mesh import Shape, body_meshes, body_transform
+from anyskill_envs.agent_mesh import body_meshes, body_transform
 from anyskill_envs.objects.scene import Scene
-from anyskill_envs.rendering import FRONT_CAMERA, NO_GL_HELP, Camera, RenderingError, choose_backend, set_pose
+from anyskill_envs.rendering import FRONT_CAMERA, NO_GL_HELP, Camera, Look, RenderingError, choose_backend, set_pose
 from motion_data.skeleton import load_model
 
 _TILE = 1.0
@@ -36,13 +36,13 @@ class PyrenderRenderer:
         width: Pixels.
         height: Pixels.
         scene: Draws the objects of this scene as well.
-        shape: "mannequin" or "simulation"; see :func:`anyskill_envs.agent_mesh.body_meshes`.
+        look: "mannequin" or "simulation"; see :func:`anyskill_envs.agent_mesh.body_meshes`.
         shadows: Draw shadows.
 
     Raises:
         ImportError: pyrender2 or trimesh is not installed.
         RenderingError: This machine has no GL library.
-        ValueError: A size that is not positive, or another shape.
+        ValueError: A size that is not positive, or another look.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class PyrenderRenderer:
         width: int = 224,
         height: int = 224,
         scene: Scene | None = None,
-        shape: Shape = "mannequin",
+        look: Look = "mannequin",
         shadows: bool = True,
     ) -> None:
         if width < 1 or height < 1:
@@ -73,13 +73,13 @@ class PyrenderRenderer:
         self._object_bodies = [] if scene is None else [part.body for part in scene.parts.values()]
         self._flags = pyrender.RenderFlags.SHADOWS_DIRECTIONAL if shadows else pyrender.RenderFlags.NONE
         self._drawing: Any = None
-        self._build(shape)
+        self._build(look)
 
-    def _build(self, shape: Shape) -> None:
+    def _build(self, look: Look) -> None:
         pyrender = self._pyrender
         self._scene = pyrender.Scene(bg_color=(*_SKY, 1.0), ambient_light=(0.22, 0.23, 0.25))
         self._nodes = []
-        for body, mesh in body_meshes(self.model, shape):
+        for body, mesh in body_meshes(self.model, look):
             smooth = len(mesh.faces) > 12  # a box has edges
             self._nodes.append((body, self._scene.add(self._drawable(mesh, smooth))))
         self._floor = self._scene.add(self._drawable(_floor(), smooth=False))

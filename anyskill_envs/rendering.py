@@ -11,7 +11,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import mujoco
 import numpy as np
@@ -22,7 +22,10 @@ from motion_data.skeleton import HUMANOID_XML, heading, load_model
 
 Preset = Literal["clip_fast", "video"]
 Follow = Literal["heading", "position", "world"]
-Engine = Literal["mujoco", "pyrender"]
+Look = Literal["simulation", "mannequin"]
+"""What is shown of the humanoid: the shapes that the physics knows, or a skinned mannequin."""
+VideoLook = Literal["simulation", "mannequin", "beside"]
+"""What a video shows: one of the looks, or both beside each other."""
 
 NO_GL_HELP = (
     "No OpenGL library for pictures without a screen was found. Install one (Debian and Ubuntu: "
@@ -205,32 +208,37 @@ class Renderer(Protocol):
         ...
 
 
+def check_look(look: str) -> None:
+    """Raises ValueError if there is no such look."""
+    if look not in get_args(Look):
+        raise ValueError(f'Unknown look {look!r}; choose "simulation" or "mannequin".')
+
+
 def make_renderer(
-    engine: Engine = "mujoco",
+    look: Look = "simulation",
     width: int = 224,
     height: int = 224,
     preset: Preset = "clip_fast",
     scene: Scene | None = None,
 ) -> Renderer:
-    """A renderer by the name of its library.
+    """A renderer by what it shows.
 
     Args:
-        engine: "mujoco" draws the shapes that the physics knows, and is what encoders are trained on. "pyrender" draws the
-            humanoid as a skinned mannequin with physically based shading, for people.
+        look: "simulation" shows the shapes that the physics knows, drawn by MuJoCo: what encoders are trained on.
+            "mannequin" shows the humanoid in a skin, with physically based shading by pyrender, for people.
         width: pixels.
         height: pixels.
         preset: "clip_fast" or "video"; "clip_fast" has no shadows.
         scene: draws the objects of this scene as well.
 
     Raises:
-        ImportError: the library is not installed.
+        ImportError: pyrender2 or trimesh is not installed.
         RenderingError: this machine has no GL library.
-        ValueError: another engine or preset, or a size that is not positive.
+        ValueError: another look or preset, or a size that is not positive.
     """
-    if engine == "mujoco":
+    check_look(look)
+    if look == "simulation":
         return HumanoidRenderer(width, height, preset, scene=scene)
-    if engine != "pyrender":
-        raise ValueError(f'Unknown render engine {engine!r}; choose "mujoco" or "pyrender".')
     from anyskill_envs.pyrender_renderer import PyrenderRenderer
 
     return PyrenderRenderer(width, height, scene, shadows=preset == "video")

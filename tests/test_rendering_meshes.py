@@ -36,7 +36,7 @@ def test_shapes_have_the_volumes_of_the_physics():
 
 
 def test_the_mannequin_has_a_closed_skin_around_the_shapes_and_keeps_its_marks():
-    skins, shapes = body_meshes(shape="mannequin"), body_meshes(shape="simulation")
+    skins, shapes = body_meshes(look="mannequin"), body_meshes(look="simulation")
     model = load_model()
     thigh = model.body("left_thigh").id
     (skin,) = (mesh for body, mesh in skins if body == thigh)
@@ -49,7 +49,7 @@ def test_the_mannequin_has_a_closed_skin_around_the_shapes_and_keeps_its_marks()
         assert sum(body == model.body(marked).id for body, _ in skins) == 2
     assert {body for body, _ in skins} == set(range(1, 16))
     with pytest.raises(ValueError, match="mannequin"):
-        body_meshes(shape="zombie")
+        body_meshes(look="zombie")
 
 
 def test_a_pose_can_be_exported():
@@ -60,19 +60,19 @@ def test_a_pose_can_be_exported():
 
 
 def test_errors_name_the_fix(monkeypatch):
-    with pytest.raises(ValueError, match='"mujoco" or "pyrender"'):
+    with pytest.raises(ValueError, match='"simulation" or "mannequin"'):
         make_renderer("blender")
     monkeypatch.setitem(sys.modules, "pyrender", None)
     with pytest.raises((ImportError, RenderingError), match=r"anyskill-envs\[mesh\]|MUJOCO_GL"):
-        make_renderer("pyrender")
+        make_renderer("mannequin")
 
 
-def drawn(engine, scene=None):
+def drawn(look, scene=None):
     """A renderer that has drawn once; skips where this machine cannot."""
     if importlib.util.find_spec("pyrender") is None:
         pytest.skip("pyrender2 is not installed")
     try:
-        renderer = make_renderer(engine, 160, 160, "clip_fast", scene)
+        renderer = make_renderer(look, 160, 160, "clip_fast", scene)
         renderer.render(rest_qpos() if scene is None else scene.rest_pose)
     except RenderingError as error:
         pytest.skip(str(error))
@@ -87,9 +87,9 @@ def centre(picture, stronger, weaker):
 
 
 def test_both_engines_draw_the_same_pose_at_the_same_place():
-    drawn("pyrender").close()
+    drawn("mannequin").close()
     # the same shapes, for a mannequin's shoulders have another colour
-    simulation, mesh = drawn("mujoco"), PyrenderRenderer(160, 160, shape="simulation", shadows=False)
+    simulation, mesh = drawn("simulation"), PyrenderRenderer(160, 160, look="simulation", shadows=False)
     qpos = rest_qpos()
     qpos[:2] = 7.3, -4.1
     qpos[3:7] = np.cos(0.4), 0, 0, np.sin(0.4)
@@ -111,7 +111,7 @@ def test_both_engines_draw_the_same_pose_at_the_same_place():
 def test_objects_are_drawn_as_well():
     scene = Scene(["pillar"])
     pose = scene.rest_pose
-    alone, together = drawn("pyrender"), drawn("pyrender", scene)
+    alone, together = drawn("mannequin"), drawn("mannequin", scene)
     camera = Camera(position=(0.5, -6.0, 1.5), follow="world")
     changed = np.abs(alone.render(pose[:35], camera).astype(int) - together.render(pose, camera)).max(-1) > 40
     assert changed.sum() > 300
@@ -123,7 +123,7 @@ def test_a_video_shows_both_beside_each_other(tmp_path):
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
     from agents.text.video import write_video
 
-    drawn("pyrender").close()
+    drawn("mannequin").close()
     write_video(tmp_path / "film.mp4", np.tile(rest_qpos(), (3, 1)), ["stand"], look="beside")
     frames = imageio_ffmpeg.read_frames(str(tmp_path / "film.mp4"))
     assert next(frames)["size"] == (854, 480)

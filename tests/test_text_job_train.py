@@ -226,8 +226,8 @@ def test_play_refuses_what_it_cannot_do(finished, tmp_path, monkeypatch):
         play(tmp_path)
     with pytest.raises(ValueError, match="mp4"):
         play(folder.path, video=tmp_path / "film.gif")
-    with pytest.raises(ValueError, match="--video FILE.mp4 for --look mesh"):
-        play(folder.path, look="mesh")
+    with pytest.raises(ValueError, match="--video FILE.mp4 for --look mannequin"):
+        play(folder.path, look="mannequin")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(RuntimeError, match="no screen"):

@@ -11,9 +11,6 @@ import tyro
 
 from agents.training.config import PPOOptions
 
-Look = Literal["simulation", "mesh", "beside"]
-"""What a video shows: the shapes that the physics knows, a skinned mannequin, or both beside each other."""
-
 
 @dataclass(frozen=True)
 class TrainConfig(PPOOptions):

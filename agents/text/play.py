@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from agents.text.config import Look, TrainConfig
+from agents.text.config import TrainConfig
 from agents.training.run_folder import RunFolder
+from anyskill_envs.rendering import VideoLook
 from motion_data.files import write_whole
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ def play(
     video: Path | None = None,
     episodes: int = 1,
     seed: int = 0,
-    look: Look = "simulation",
+    look: VideoLook = "simulation",
 ) -> int:
     """Watch a trained skill in a window, or write a video of it.
 
@@ -32,7 +33,7 @@ def play(
         video: Write this .mp4 file instead of opening a window.
         episodes: How many episodes of 10 s, one after the other.
         seed: Seed of the start states.
-        look: What a video shows: the shapes of the simulation, a mesh, or both beside each other; meshes need
+        look: What a video shows: the shapes of the simulation, a mannequin, or both beside each other; the mannequin needs
             `pip install "anyskill-envs[mesh]"`.
 
     Returns:

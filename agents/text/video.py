@@ -9,16 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.text.config import Look
 from anyskill_envs.objects.scene import Scene
-from anyskill_envs.rendering import SCENE_CAMERA, Camera, Engine, make_renderer
+from anyskill_envs.rendering import SCENE_CAMERA, Camera, Look, VideoLook, make_renderer
 from motion_data.skeleton import FRAME_RATE
-
-_ENGINES: dict[Look, tuple[Engine, ...]] = {
-    "simulation": ("mujoco",),
-    "mesh": ("pyrender",),
-    "beside": ("mujoco", "pyrender"),
-}
 
 WIDTH, HEIGHT = 854, 480
 CAPTION_SIZE = 22
@@ -46,7 +39,7 @@ def write_video(
     caption: Sequence[str],
     scene: Scene | None = None,
     frames_per_second: float = FRAME_RATE,
-    look: Look = "simulation",
+    look: VideoLook = "simulation",
 ) -> None:
     """Writes an H.264 video of 854 x 480.
 
@@ -56,11 +49,11 @@ def write_video(
         caption: Lines of text below the humanoid.
         scene: The objects beside it; none if None.
         frames_per_second: Rate of the poses.
-        look: "simulation" shows the shapes that the physics knows, "mesh" a skinned mannequin, "beside" both (as in figure 7
-            of AnySkill).
+        look: "simulation" shows the shapes that the physics knows, "mannequin" a skinned mannequin, "beside" both (as in
+            figure 7 of AnySkill).
 
     Raises:
-        ImportError: imageio-ffmpeg or Pillow is not installed, or what draws meshes.
+        ImportError: imageio-ffmpeg or Pillow is not installed, or what draws the mannequin.
         RenderingError: This machine cannot draw.
     """
     try:
@@ -69,9 +62,9 @@ def write_video(
         strip = caption_strip(caption, WIDTH)
     except ImportError as error:
         raise ImportError(f'Videos need {error.name}: pip install "anyskill-envs[video]".') from error
-    engines = _ENGINES[look]
-    width = WIDTH // len(engines)
-    renderers = [make_renderer(engine, width, HEIGHT - len(strip), "video", scene) for engine in engines]
+    looks: tuple[Look, ...] = ("simulation", "mannequin") if look == "beside" else (look,)
+    width = WIDTH // len(looks)
+    renderers = [make_renderer(each, width, HEIGHT - len(strip), "video", scene) for each in looks]
     camera = SCENE_CAMERA_STEADY if scene else CAMERA
     writer = imageio_ffmpeg.write_frames(
         str(path), (WIDTH, HEIGHT), fps=frames_per_second, macro_block_size=2, quality=7, ffmpeg_log_level="error"
