@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from anyskill_envs.controller import LowLevelController
 from anyskill_envs.simulation import CONTROLLER_STEPS
+from motion_data.retrieval_keys import KEY_SIZE
 from motion_data.skeleton import JOINT_NAMES, joint_limits
 
 FloatArray = NDArray[np.float32]
@@ -132,3 +133,32 @@ class LatentActions:
     def info(self, commands: FloatArray) -> dict[str, FloatArray]:
         """The unit latent that was played."""
         return {"latent": commands.copy()}
+
+
+class RetrievalActions:
+    """Actions are weights of the query: 0 stands for the weight 1, -1 for 0 and 1 for 2.
+
+    Args:
+        controller: the controller or the path of its ONNX file; the bundled one if None.
+        num_threads: threads of the controller; 0 for one per CPU.
+    """
+
+    controller_steps = CONTROLLER_STEPS
+
+    def __init__(self, controller: LowLevelController | str | Path | None, num_threads: int) -> None:
+        if not isinstance(controller, LowLevelController):
+            controller = LowLevelController.load(controller, num_threads)
+        self.controller = controller
+        self.space: Box[Any] = Box(-1.0, 1.0, (KEY_SIZE,), np.float32)
+
+    def commands(self, actions: ArrayLike) -> FloatArray:
+        """Weights ``(n, 32)`` of actions ``(n, 32)``."""
+        return 1 + checked_actions(actions, KEY_SIZE)
+
+    def targets(self, observation: FloatArray, commands: FloatArray) -> NDArray[np.floating]:
+        """One step of the controller; the environment has made latents of the weights."""
+        return self.controller.act(observation, commands)
+
+    def info(self, commands: FloatArray) -> dict[str, FloatArray]:
+        """Nothing: the environment knows more."""
+        return {}

@@ -5,6 +5,7 @@ about the vertical axis, not the direction of the x axis as in the released code
 """
 
 import numpy as np
+from gymnasium.spaces import Box
 
 from motion_data.skeleton import BODY_NAMES, MIRROR_BODIES
 
@@ -24,6 +25,22 @@ for _name, _size in (
     _offset += _size
 OBSERVATION_SIZE = _offset
 """223."""
+OBSERVATION_BOUNDS = {
+    "root_height": 100.0,  # m
+    "body_positions": 3.0,  # m from the pelvis
+    "body_rotations": 1.0,  # numbers of rotation matrices
+    "body_linear_velocities": 100.0,  # m/s
+    "body_angular_velocities": 300.0,  # rad/s
+}
+"""Bounds of each block, far outside of what a humanoid does: they keep a violent tumble finite for a policy."""
+
+
+def proprioception_space() -> Box:
+    """Space of the observation of one humanoid."""
+    high = np.empty(OBSERVATION_SIZE, np.float32)
+    for name, place in OBSERVATION_LAYOUT.items():
+        high[place] = OBSERVATION_BOUNDS[name]
+    return Box(-high, high, dtype=np.float32)
 
 
 def observe(

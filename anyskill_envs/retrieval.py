@@ -8,25 +8,22 @@ from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from anyskill_envs.actions import FloatArray, checked_actions
+from anyskill_envs.actions import FloatArray, RetrievalActions
 from anyskill_envs.controller import ENCODER_FILE, LowLevelController, MotionEncoder
-from anyskill_envs.goals import FASTEST_GOAL, GOAL_SECONDS, GOAL_SPEED, Range, VelocityGoals, goal_distance
-from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE
+from anyskill_envs.goals import GOAL_SECONDS, GOAL_SPEED, Range, VelocityGoals, goal_distance
+from anyskill_envs.retrieval_observation import STEERING_BOUNDS, observe_steering
 from anyskill_envs.retrieved_clips import RetrievedClips
 from anyskill_envs.simulation import CONTROLLER_STEPS
 from anyskill_envs.single import HumanoidEnv
-from anyskill_envs.vector import OBSERVATION_BOUNDS, HumanoidVectorEnv
+from anyskill_envs.vector import HumanoidVectorEnv
 from motion_data.retrieval import DEFAULT_SELECTION, MotionDatabase
 from motion_data.retrieval_keys import (
     CLIP_FRAMES,
     END_EFFECTOR_INDEX,
-    KEY_SIZE,
-    STATE_SIZE,
     course_key,
     state_key,
-    turned,
     wished_course,
 )
 from motion_data.skeleton import FRAME_RATE, heading
@@ -35,52 +32,6 @@ from rewards import RewardOutput
 DatabaseSources = Mapping[str, MotionDatabase | str | Path]
 
 _BODIES = np.array([0, *END_EFFECTOR_INDEX])
-_BLOCKS = {
-    "goal_direction": (2, 1.0),  # cosine and sine in the heading frame
-    "goal_speed": (1, FASTEST_GOAL),  # m/s
-    "clip_state": (STATE_SIZE, OBSERVATION_BOUNDS["body_linear_velocities"]),  # m/s and m, in the clip's heading frame
-    "clip_place": (2, 100.0),  # m, in the heading frame
-    "clip_heading": (2, 1.0),  # cosine and sine of the turn to the clip's heading
-    "clip_time": (1, 1.0),  # share of the clip that is over
-}
-RETRIEVAL_LAYOUT: dict[str, slice] = dict(OBSERVATION_LAYOUT)
-"""Name of each block of the observation and its place, without objects: proprioception comes first."""
-_offset = OBSERVATION_SIZE
-for _name, (_size, _) in _BLOCKS.items():
-    RETRIEVAL_LAYOUT[_name] = slice(_offset, _offset + _size)
-    _offset += _size
-RETRIEVAL_OBSERVATION_SIZE = _offset
-"""258."""
-_STEERING_BOUNDS = np.concatenate([np.full(size, bound, np.float32) for size, bound in _BLOCKS.values()])
-
-
-class RetrievalActions:
-    """Actions are weights of the query: 0 stands for the weight 1, -1 for 0 and 1 for 2.
-
-    Args:
-        controller: the controller or the path of its ONNX file; the bundled one if None.
-        num_threads: threads of the controller; 0 for one per CPU.
-    """
-
-    controller_steps = CONTROLLER_STEPS
-
-    def __init__(self, controller: LowLevelController | str | Path | None, num_threads: int) -> None:
-        if not isinstance(controller, LowLevelController):
-            controller = LowLevelController.load(controller, num_threads)
-        self.controller = controller
-        self.space: Box[Any] = Box(-1.0, 1.0, (KEY_SIZE,), np.float32)
-
-    def commands(self, actions: ArrayLike) -> FloatArray:
-        """Weights ``(n, 32)`` of actions ``(n, 32)``."""
-        return 1 + checked_actions(actions, KEY_SIZE)
-
-    def targets(self, observation: FloatArray, commands: FloatArray) -> NDArray[np.floating]:
-        """One step of the controller; the environment has made latents of the weights."""
-        return self.controller.act(observation, commands)
-
-    def info(self, commands: FloatArray) -> dict[str, FloatArray]:
-        """Nothing: the environment knows more."""
-        return {}
 
 
 class RetrievalLocomotionVectorEnv(HumanoidVectorEnv):
@@ -220,28 +171,13 @@ class RetrievalLocomotionVectorEnv(HumanoidVectorEnv):
     def make_observation_space(self) -> Box:
         """Proprioception, the goal and the retrieved clip; blocks as in `RETRIEVAL_LAYOUT`."""
         space = super().make_observation_space()
-        high = _STEERING_BOUNDS
+        high = STEERING_BOUNDS
         return Box(np.concatenate([space.low, -high]), np.concatenate([space.high, high]), dtype=np.float32)
 
     def observations(self, ids: NDArray[np.int64] | slice) -> FloatArray:
         """Observations of some humanoids, new arrays ``(k, 258)``."""
-        qpos, clips = self.simulation.qpos[ids], self.clips
-        yaw = heading(qpos[:, 3:7])
-        goal = turned(self.goals.velocity[ids], -yaw)
-        speed = np.linalg.norm(goal, axis=1, keepdims=True)
-        turn = clips.headings[ids] - yaw
-        steering = np.concatenate(
-            [
-                np.where(speed > 0, goal / np.maximum(speed, 1e-9), (1.0, 0.0)),
-                speed,
-                clips.states[ids],
-                turned(clips.places[ids] - qpos[:, :2], -yaw),
-                np.stack([np.cos(turn), np.sin(turn), clips.age[ids] / CLIP_FRAMES], 1),
-            ],
-            axis=1,
-        )
-        steering = np.clip(steering, -_STEERING_BOUNDS, _STEERING_BOUNDS)
-        return np.concatenate([super().observations(ids), steering.astype(np.float32)], axis=1)
+        steering = observe_steering(self.simulation.qpos[ids], self.goals.velocity[ids], self.clips, ids)
+        return np.concatenate([super().observations(ids), steering], axis=1)
 
     def begin_episodes(self, ids: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Draw goals and databases, and retrieve clips with all weights 1.
@@ -338,10 +274,10 @@ class RetrievalLocomotionEnv(HumanoidEnv):
 
     ## Observation space
 
-    `Box((258,), float32)`; `RETRIEVAL_LAYOUT` names the blocks: proprioception 223; the goal's direction (cosine, sine)
-    in the heading frame and its speed (m/s); the clip's state 27 (velocity of the root, places and velocities of hands
-    and feet, in its own heading frame), where it is (m) and turned to (cosine, sine) in the humanoid's heading frame,
-    and how much of it is over, 0 to 1.
+    `Box((258,), float32)`; `RETRIEVAL_LAYOUT` in `anyskill_envs.retrieval_observation` names the blocks: proprioception 223;
+    the goal's direction (cosine, sine) in the heading frame and its speed (m/s); the clip's state 27 (velocity of the root,
+    places and velocities of hands and feet, in its own heading frame), where it is (m) and turned to (cosine, sine) in the
+    humanoid's heading frame, and how much of it is over, 0 to 1.
 
     ## Rewards
 

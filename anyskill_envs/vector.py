@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from anyskill_envs.actions import ActionDecoder, FloatArray, JointActions
 from anyskill_envs.objects import SceneObject
 from anyskill_envs.objects.scene import Scene
-from anyskill_envs.objects.state import object_states, object_vectors, observation_bounds, observe_objects
-from anyskill_envs.observation import OBSERVATION_LAYOUT, OBSERVATION_SIZE, observe
+from anyskill_envs.objects.state import object_vectors, observation_bounds, observe_objects
+from anyskill_envs.observation import OBSERVATION_SIZE, observe, proprioception_space
 from anyskill_envs.rebuilding import RebuiltFromArguments
 from anyskill_envs.rendering import HumanoidRenderer, camera_of
 from anyskill_envs.simulation import HumanoidSimulation
 from anyskill_envs.starts import START_NAMES, draw_starts
-from anyskill_envs.vector_info import final_entries, reward_entries, with_masks
+from anyskill_envs.vector_info import final_entries, reward_entries, state_entries, with_masks
 from anyskill_envs.viewer import HumanoidViewer
 from motion_data.skeleton import BODY_NAMES, FRAME_RATE, QPOS_SIZE, QVEL_SIZE
 from rewards import RewardOutput
@@ -31,23 +31,6 @@ FALL_HEIGHT = 0.05
 # AnySkill exempts the feet only; a shin that lies on the floor is kneeling, not falling.
 _MAY_TOUCH_FLOOR = ("right_foot", "left_foot", "right_shin", "left_shin")
 _SHOULD_STAY_UP = [index for index, name in enumerate(BODY_NAMES) if name not in _MAY_TOUCH_FLOOR]
-
-# Bounds of the observation, far outside of what a humanoid does: they keep a violent tumble finite for a policy.
-OBSERVATION_BOUNDS = {
-    "root_height": 100.0,  # m
-    "body_positions": 3.0,  # m from the pelvis
-    "body_rotations": 1.0,  # numbers of rotation matrices
-    "body_linear_velocities": 100.0,  # m/s
-    "body_angular_velocities": 300.0,  # rad/s
-}
-
-
-def proprioception_space() -> Box:
-    """Space of the 223 numbers of proprioception; blocks as in `OBSERVATION_LAYOUT`."""
-    high = np.empty(OBSERVATION_SIZE, np.float32)
-    for name, place in OBSERVATION_LAYOUT.items():
-        high[place] = OBSERVATION_BOUNDS[name]
-    return Box(-high, high, dtype=np.float32)
 
 
 class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, NDArray[Any]]):
@@ -443,7 +426,7 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
                 self._viewer.show(self.simulation.poses[0])
         self.end_decision(executed)
         self._reward_keys = tuple(sums)
-        info: dict[str, NDArray[Any]] = self._state_info()
+        info: dict[str, NDArray[Any]] = state_entries(self.simulation, self.object_vectors)
         info |= {key: value / np.maximum(executed, 1) for key, value in sums.items()}
         info |= {"diverged": diverged, "controller_steps": executed} | decoder.info(commands) | self.extra_info()
         if self.record_controller_steps:
@@ -453,29 +436,13 @@ class HumanoidVectorEnv(RebuiltFromArguments, VectorEnv[FloatArray, FloatArray, 
                 info["controller_objects"] = np.stack([vectors for _, _, vectors in records], 1)
         return info, terminated
 
-    def _state_info(self) -> dict[str, NDArray[Any]]:
-        """Entries of `info` that describe the present state, new arrays ``(n,)``."""
-        qpos = self.simulation.qpos
-        info: dict[str, NDArray[Any]] = {
-            "x_position": qpos[:, 0].copy(),
-            "x_velocity": self.simulation.qvel[:, 0].copy(),
-            "distance_from_origin": np.hypot(qpos[:, 0], qpos[:, 1]),
-            "head_height": self.simulation.head_height,
-        }
-        for name, state in object_states(self.scene, self.object_vectors).items():
-            info[f"{name}_distance"] = np.hypot(state.position[:, 0], state.position[:, 1])
-            info[f"{name}_speed"] = np.linalg.norm(state.linear_velocity, axis=1)
-            if state.angle.shape[1]:
-                info[f"{name}_angle"] = state.angle[:, 0].copy()
-        return info
-
     def _info_after_reset(self, decoder: ActionDecoder) -> dict[str, NDArray[Any]]:
         """The keys of :meth:`_execute` for humanoids that have not acted yet: their state, and zeros."""
         count = self.num_envs
         commands = decoder.commands(np.zeros((count, *decoder.space.shape), np.float32))
         if not self._reward_keys:
             self._reward_keys = tuple(reward_entries(self.compute_reward(commands)))
-        info = self._state_info()
+        info = state_entries(self.simulation, self.object_vectors)
         info |= {key: np.zeros(count) for key in self._reward_keys}
         info |= {"diverged": np.zeros(count, bool), "controller_steps": np.zeros(count, np.int64)}
         info |= {key: np.zeros_like(value) for key, value in decoder.info(commands).items()}

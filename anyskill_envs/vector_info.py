@@ -1,4 +1,4 @@
-"""Gymnasium's format of `info` in vector environments: arrays beside boolean masks."""
+"""What `info` holds, in Gymnasium's format of vector environments: arrays beside boolean masks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anyskill_envs.actions import FloatArray
+from anyskill_envs.objects.state import object_states
+from anyskill_envs.simulation import HumanoidSimulation
 from rewards import RewardOutput
 
 
@@ -16,6 +18,28 @@ def reward_entries(output: RewardOutput) -> dict[str, NDArray[np.float32]]:
     entries = {f"reward_{name}": value for name, value in output.terms.items()}
     if output.similarity is not None:
         entries["similarity"] = output.similarity
+    return entries
+
+
+def state_entries(simulation: HumanoidSimulation, object_vectors: FloatArray) -> dict[str, NDArray[Any]]:
+    """The entries of `info` that describe the present state, new arrays ``(n,)``.
+
+    Args:
+        simulation: the simulation.
+        object_vectors: states of the objects, ``(n, m)``; see :func:`anyskill_envs.objects.state.object_vectors`.
+    """
+    qpos = simulation.qpos
+    entries: dict[str, NDArray[Any]] = {
+        "x_position": qpos[:, 0].copy(),
+        "x_velocity": simulation.qvel[:, 0].copy(),
+        "distance_from_origin": np.hypot(qpos[:, 0], qpos[:, 1]),
+        "head_height": simulation.head_height,
+    }
+    for name, state in object_states(simulation.scene, object_vectors).items():
+        entries[f"{name}_distance"] = np.hypot(state.position[:, 0], state.position[:, 1])
+        entries[f"{name}_speed"] = np.linalg.norm(state.linear_velocity, axis=1)
+        if state.angle.shape[1]:
+            entries[f"{name}_angle"] = state.angle[:, 0].copy()
     return entries
 
 

@@ -6,7 +6,7 @@ import pytest
 from envs_common import LYING, arguments, assert_same, walk_clip
 
 from anyskill_envs.goals import VelocityGoals, goal_distance
-from anyskill_envs.retrieval import RETRIEVAL_LAYOUT
+from anyskill_envs.retrieval_observation import RETRIEVAL_LAYOUT
 from motion_data.retrieval import MotionDatabase
 from motion_data.skeleton import heading, rest_qpos
 

@@ -9,12 +9,14 @@ from envs_common import arguments, walk_clip
 from stable_baselines3 import PPO
 
 from agents.retrieval.config import RetrievalConfig, named_databases
-from agents.retrieval.evaluate import as_table, evaluate, evaluate_retrievers, sudden_change
+from agents.retrieval.evaluate import as_table, evaluate, evaluate_retrievers
 from agents.retrieval.play import DOWN, ENTER, LEFT, UP, Steering, play
 from agents.retrieval.retriever import load_retriever, unlearned
+from agents.retrieval.sudden_change import sudden_change
 from agents.retrieval.train import train
 from anyskill_envs.controller import ENCODER_FILE
-from anyskill_envs.retrieval import RETRIEVAL_OBSERVATION_SIZE, RetrievalLocomotionVectorEnv
+from anyskill_envs.retrieval import RetrievalLocomotionVectorEnv
+from anyskill_envs.retrieval_observation import RETRIEVAL_OBSERVATION_SIZE
 from motion_data.retrieval import MotionDatabase
 
 ID = "RetrievalLocomotion-v0"

@@ -5,226 +5,19 @@ from __future__ import annotations
 import json as json_format
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.retrieval.config import named_databases
+from agents.retrieval.motion_quality import PER_CONDITION, RealMotion, same_goal_features
 from agents.retrieval.retriever import Retriever, load_retriever, unlearned
+from agents.retrieval.rollout import make_environment, roll_out
+from agents.retrieval.sudden_change import plot_sudden_change, sudden_change
 from anyskill_envs.goals import GOAL_SECONDS, GOAL_SPEED
-from anyskill_envs.observation import OBSERVATION_LAYOUT
-from anyskill_envs.retrieval import RetrievalLocomotionVectorEnv
-from anyskill_envs.simulation import CONTROLLER_STEPS
-from motion_data.metrics import frechet_distance, frechet_floor, multimodality
-from motion_data.motion_features import MOTION_FEATURE_SIZE, windowed_features
-from motion_data.retrieval import MotionDatabases
-from motion_data.retrieval_keys import turned
-from motion_data.skeleton import FRAME_RATE, heading
-
-DECISIONS_PER_SECOND = FRAME_RATE / CONTROLLER_STEPS
-_LINEAR = OBSERVATION_LAYOUT["body_linear_velocities"].start
-_SHORTEST = FRAME_RATE // 2
-"""Frames below which an episode has no features: less than 0.5 s shows that it ended, not how it moved."""
-_EPISODE_STRIDE = 0.5  # s
-_REAL_STRIDE = 0.1  # s: clips are short, so their windows overlap more than those of the episodes
-_CONDITIONS = 12
-_PER_CONDITION = 10
-_CONDITION_SECONDS = 4.0
-_SUDDEN_SECONDS = 4.0
-_SPEED_PERCENTILES = (2, 98)
-
-
-@dataclass(frozen=True)
-class Rollout:
-    """Episodes of one retriever, recorded at 30 Hz.
-
-    Attributes:
-        qpos: Poses of each episode, ``(T, 35)`` each.
-        velocity: Horizontal velocities of the root in the world, ``(T, 2)`` m/s each.
-        goal: Goals, ``(T, 2)`` m/s each.
-        clip_error: Distance of each retrieved clip's mean velocity to the goal, one for each decision, m/s.
-        fell: Episodes that terminated, ``(n,)``.
-        names: What was retrieved, one for each decision.
-    """
-
-    qpos: list[NDArray[np.float64]]
-    velocity: list[NDArray[np.float64]]
-    goal: list[NDArray[np.float64]]
-    clip_error: NDArray[np.float64]
-    fell: NDArray[np.bool_]
-    names: list[str]
-
-    @property
-    def errors(self) -> NDArray[np.float64]:
-        """Mean velocity error of each episode, ``(n,)`` m/s."""
-        pairs = zip(self.velocity, self.goal, strict=True)
-        return np.array([np.linalg.norm(velocity - goal, axis=1).mean() for velocity, goal in pairs])
-
-
-def make_environment(episodes: int, options: Mapping[str, Any], **changes: Any) -> RetrievalLocomotionVectorEnv:
-    """The batch of an evaluation."""
-    return RetrievalLocomotionVectorEnv(episodes, **dict(options) | {"record_controller_steps": True} | changes)
-
-
-def roll_out(
-    env: RetrievalLocomotionVectorEnv,
-    retriever: Retriever,
-    seconds: float,
-    seed: int,
-    goals: Mapping[float, tuple[NDArray[np.float64], NDArray[np.float64]]] | None = None,
-) -> Rollout:
-    """Runs one episode of each humanoid.
-
-    Args:
-        env: The batch.
-        retriever: What acts.
-        seconds: Length of an episode that does not terminate.
-        seed: Seed of starts and goals.
-        goals: Speeds and directions ``(n,)`` to set at some moments (seconds); the environment's own goals if None.
-
-    Returns:
-        The episodes.
-    """
-    count = env.num_envs
-    changes = {round(moment * DECISIONS_PER_SECOND): goal for moment, goal in (goals or {}).items()}
-    observation, _ = env.reset(seed=seed)
-    running, fell = np.ones(count, bool), np.zeros(count, bool)
-    rows: list[list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = [[] for _ in range(count)]
-    clip_error: list[float] = []
-    names: list[str] = []
-    for decision in range(round(seconds * DECISIONS_PER_SECOND)):
-        if decision in changes:
-            for index, (speed, direction) in enumerate(zip(*changes[decision], strict=True)):
-                env.set_goal(float(speed), float(direction), [index])
-            observation = env.observations(slice(None))
-        observation, _, terminated, truncated, info = env.step(retriever(observation))
-        poses, proprioception = info["controller_qpos"], info["controller_observations"]
-        velocity = turned(proprioception[:, :, _LINEAR : _LINEAR + 2], heading(poses[..., 3:7]))
-        error = np.linalg.norm(env.clips.velocities - info["goal_velocity"], axis=1)
-        for index in np.flatnonzero(running).tolist():
-            # after a termination inside a decision the humanoid keeps its state: only executed steps count
-            done = int(info["controller_steps"][index])
-            goal = np.tile(info["goal_velocity"][index], (done, 1))
-            rows[index].append((poses[index, :done], velocity[index, :done], goal))
-            clip_error.append(float(error[index]))
-            names.append(str(info["clip"][index]))
-        fell |= running & terminated
-        running &= ~(terminated | truncated)
-        if not running.any():
-            break
-    joined = [[np.concatenate(parts) for parts in zip(*episode, strict=True)] for episode in rows]
-    qpos, velocities, wished = map(list, zip(*joined, strict=True))
-    return Rollout(qpos, velocities, wished, np.array(clip_error), fell, names)
-
-
-def _features(motions: list[NDArray[np.float64]], stride: float) -> list[NDArray[np.float64]]:
-    """Features of the 2 s windows of each motion that lasts 0.5 s, ``(windows, 88)`` each."""
-    return [windowed_features(qpos, stride_seconds=stride) for qpos in motions if len(qpos) >= _SHORTEST]
-
-
-class RealMotion:
-    """The clips of the databases as features: what generated motion is compared with.
-
-    Args:
-        databases: The databases.
-        rng: Source of what is drawn.
-    """
-
-    def __init__(self, databases: MotionDatabases, rng: np.random.Generator) -> None:
-        motions = []
-        for name in databases.names:
-            database = databases[name]
-            motions += np.split(database.qpos.astype(float), np.cumsum(database.lengths)[:-1])
-        self._motions = _features(motions, _REAL_STRIDE)
-        self.features = np.concatenate(self._motions)
-        self._rng = rng
-
-    def floor(self) -> float:
-        """Frechet distance between halves of the real windows."""
-        return frechet_floor(self.features, self._rng)
-
-    def distance(self, motions: list[NDArray[np.float64]]) -> float | None:
-        """Frechet distance to the real windows, with as many of each as in a half, so that the floor can be compared.
-
-        Args:
-            motions: Poses of each episode, ``(T, 35)`` each.
-
-        Returns:
-            The distance; None if episodes of 0.5 s or more have fewer than 2 windows.
-        """
-        windows = _features(motions, _EPISODE_STRIDE)
-        if sum(map(len, windows)) < 2:
-            return None
-        features = np.concatenate(windows)
-        count = min(len(features), len(self.features) // 2)
-        one = self._rng.choice(len(features), count, replace=False)
-        other = self._rng.choice(len(self.features), count, replace=False)
-        return frechet_distance(features[one], self.features[other])
-
-    def multimodality(self) -> float:
-        """Mean distance of two windows of the same motion."""
-        several = [features for features in self._motions if len(features) > 1]
-        drawn = [features[self._rng.integers(len(features), size=_PER_CONDITION)] for features in several]
-        return multimodality(np.stack(drawn), self._rng)
-
-
-def same_goal_features(
-    retriever: Retriever, options: Mapping[str, Any], seed: int, repeats: int = _PER_CONDITION
-) -> NDArray[np.float64]:
-    """Features of episodes under the same goal: 12 goals, some episodes of each from noisy starts.
-
-    Returns:
-        Features of the last 2 s of 4 s (or of what there is after a fall), ``(goals, repeats, 88)``; goals under which an
-        episode lasts less than 0.5 s are left out.
-    """
-    rng = np.random.default_rng(seed)
-    low, high = options.get("goal_speed", GOAL_SPEED)
-    speed = np.repeat(rng.uniform(low, high, _CONDITIONS), repeats)
-    direction = np.repeat(rng.uniform(-np.pi, np.pi, _CONDITIONS), repeats)
-    env = make_environment(len(speed), options, goal_seconds=None, reset_noise_scale=0.05)
-    rollout = roll_out(env, retriever, _CONDITION_SECONDS, seed, {0.0: (speed, direction)})
-    env.close()
-    last = [qpos[-round(2 * FRAME_RATE) :] for qpos in rollout.qpos]
-    goals = [last[first : first + repeats] for first in range(0, len(last), repeats)]
-    features = [[windowed_features(qpos)[0] for qpos in goal] for goal in goals if min(map(len, goal)) >= _SHORTEST]
-    return np.reshape(features, (-1, repeats, MOTION_FEATURE_SIZE))
-
-
-def sudden_change(
-    retriever: Retriever, options: Mapping[str, Any], seed: int, humanoids: int = 32
-) -> dict[str, NDArray[np.float64] | list[float] | float]:
-    """RACon's figure 6: the goal's speed jumps between the slowest and the fastest that the databases hold, and back.
-
-    Returns:
-        `seconds` and `goal` ``(T,)``, the mean `speed` along the goal ``(T,)`` of those that have not fallen, its
-        `quartiles` ``(2, T)``, and the share that `fell`.
-    """
-    env = make_environment(humanoids, options, goal_seconds=None)
-    names = env.clips.databases.names
-    speeds = np.concatenate([env.clips.databases[name].speeds for name in names])
-    slow, fast = np.percentile(speeds, _SPEED_PERCENTILES)
-    ahead = np.zeros(humanoids)
-    phases = {
-        index * _SUDDEN_SECONDS: (np.full(humanoids, speed), ahead) for index, speed in enumerate((slow, fast, slow))
-    }
-    rollout = roll_out(env, retriever, 3 * _SUDDEN_SECONDS, seed, phases)
-    env.close()
-    length = max(map(len, rollout.velocity))
-    along = np.full((humanoids, length), np.nan)
-    for row, velocity in zip(along, rollout.velocity, strict=True):
-        row[: len(velocity)] = velocity[:, 0]
-    goal = max(rollout.goal, key=len)[:, 0]
-    return {
-        "seconds": np.arange(length) / FRAME_RATE,
-        "goal": goal,
-        "speed": np.nanmean(along, 0),
-        "quartiles": np.nanpercentile(along, (25, 75), axis=0),
-        "fell": float(rollout.fell.mean()),
-        "slowest_and_fastest": [float(slow), float(fast)],
-    }
+from motion_data.metrics import multimodality
+from motion_data.skeleton import FRAME_RATE
 
 
 def evaluate_retrievers(
@@ -262,7 +55,7 @@ def evaluate_retrievers(
         used, counts = np.unique(rollout.names, return_counts=True)
         order = np.argsort(-counts)[:5]
         frames = np.sum(errors * lengths) / lengths.sum()
-        repeated = same_goal_features(retriever, options, seed, int(np.clip(episodes // 6, 2, _PER_CONDITION)))
+        repeated = same_goal_features(retriever, options, seed, int(np.clip(episodes // 6, 2, PER_CONDITION)))
         rows[name] = {
             "velocity_error": float(frames),
             "interval": float(1.96 * errors.std(ddof=1) / np.sqrt(len(errors))) if len(errors) > 1 else None,
@@ -310,32 +103,6 @@ def as_table(result: Mapping[str, Any]) -> str:
     return (
         f"{table}\n\n-: too many episodes of {', '.join(unknown)} ended within 0.5 s for their motion to be compared."
     )
-
-
-def plot_sudden_change(path: Path, series: Mapping[str, Mapping[str, Any]]) -> None:
-    """Draws the speed along the goal over time, with quartiles.
-
-    Args:
-        path: The picture, ending in .png.
-        series: What :func:`sudden_change` returns, by name.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    longest = max(series.values(), key=lambda one: len(one["goal"]))
-    axes.plot(longest["seconds"], longest["goal"], color="black", linestyle="--", label="goal")
-    for (name, one), colour in zip(series.items(), ("#1b6ca8", "#c0392b", "#5a8f29", "#8e44ad"), strict=False):
-        label = f"{name} ({one['fell']:.0%} fell)"
-        axes.plot(one["seconds"], one["speed"], color=colour, label=label)
-        axes.fill_between(one["seconds"], *one["quartiles"], color=colour, alpha=0.2, linewidth=0)
-    axes.set_xlabel("s")
-    axes.set_ylabel("speed along the goal, m/s")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=9)
-    figure.savefig(path, dpi=110)
 
 
 def evaluate(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.training.export import export_policy, open_policy
-from anyskill_envs.retrieval import RETRIEVAL_LAYOUT, RETRIEVAL_OBSERVATION_SIZE
+from anyskill_envs.retrieval_observation import RETRIEVAL_LAYOUT, RETRIEVAL_OBSERVATION_SIZE
 from motion_data.retrieval_keys import KEY_LAYOUT, KEY_SIZE
 
 if TYPE_CHECKING:
