@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from motion_data.files import write_whole
 
 PLAY_SECONDS = 45.0
-"""Seconds of training between two plays; a play takes about two."""
+"""Seconds of training between two plays; a play takes a little more than one."""
 
 
 class BestPolicy(BaseCallback):
