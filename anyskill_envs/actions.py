@@ -114,7 +114,7 @@ class LatentActions:
 
     def __init__(self, controller: LowLevelController | str | Path | None = None, num_threads: int = 0) -> None:
         if not isinstance(controller, LowLevelController):
-            controller = LowLevelController.load(controller)
+            controller = LowLevelController.load(controller, num_threads)
         self.controller = controller
         self.space: Box[Any] = Box(-1.0, 1.0, (controller.latent_size,), np.float32)
         anchors = controller.anchors

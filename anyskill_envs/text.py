@@ -67,7 +67,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         if isinstance(reward, str | Mapping):
             reward = make_reward(reward, **{"encoder": encoder} | dict(reward_kwargs or {}))
         if not isinstance(controller, LowLevelController):
-            controller = LowLevelController.load(controller)
+            controller = LowLevelController.load(controller, num_threads if num_envs > 1 else 1)
         scene = Scene.of(objects)
         camera = camera_of(kwargs.get("camera"), scene)
         self._reward = HumanoidReward(reward, texts, camera, controller.latents, scene)
