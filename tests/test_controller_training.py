@@ -165,7 +165,11 @@ def test_distil_finetune_export_evaluate(motions: ReferenceMotions, teacher: Tea
     assert resumed.samples == trainer.samples
     assert torch.equal(resumed.train().policy.network[0].weight, student.policy.network[0].weight)
     finetuning = FinetuneConfig(minutes=SECONDS, num_humanoids=16, horizon=4, critic_seconds=0.5)
-    student = FinetuneTrainer(student, teacher, motions, tmp_path, finetuning).train()
+    tuner = FinetuneTrainer(student, teacher, motions, tmp_path, finetuning)
+    distilled, student = student, tuner.train()
+    first, last, between = (s.policy.network[0].weight for s in (distilled, tuner.averaged.module, student))
+    torch.testing.assert_close(between, (first + last) / 2)
+    assert not torch.equal(first, last)
 
     controller_path, encoder_path = export_student(student, motions, tmp_path, "test", "three authored clips")
     controller, encoder = LowLevelController.load(controller_path), MotionEncoder.load(encoder_path)

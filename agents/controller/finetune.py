@@ -44,17 +44,20 @@ class FinetuneConfig:
     """The critic learns alone for so long."""
     smoothness: float = 0.05
     """Weight of the loss on trembling; see :class:`agents.controller.ppo.PPO`."""
-    imitation: float = 1.0
+    imitation: float = 1.5
     """Weight of the loss on the distance from the teacher's actions; see :class:`agents.controller.ppo.PPO`."""
-    averaging: float = 0.98
-    """Decay of the running mean of the weights, per update: the mean is what training yields."""
+    averaging: float = 0.99
+    """Decay of the running mean of the weights, per update."""
+    share: float = 0.5
+    """What training yields lies between the distilled weights (0) and that mean (1). Half-way keeps most of what
+    fine-tuning gains and loses none of the skills that it harms (Wortsman et al. 2022, "Robust fine-tuning")."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 0
     """Threads for physics and learning; 0 for one per CPU."""
     ppo: PPOSettings = field(
         default_factory=lambda: PPOSettings(
-            learning_rate=1e-4, target_divergence=0.03, discount=0.98, trace=0.93, exploration=0.5, epochs=3
+            learning_rate=1e-4, target_divergence=0.05, discount=0.98, trace=0.93, exploration=0.4, epochs=3
         )
     )
     """Settings of the update."""
@@ -63,7 +66,7 @@ class FinetuneConfig:
             failure_distance=0.5,
             episode_steps=300,
             grace_steps=45,
-            mean_holds=(3, 5, 5, 15, 60, 200, 200),
+            mean_holds=(3, 5, 5, 60, 200, 200),
             unsettled=0.4,
             synchronise_after=15,
         )
@@ -87,7 +90,7 @@ class FinetuneTrainer(Stage):
     ):
         super().__init__(folder / "finetuned.pt", config.minutes, config.seed, config.threads)
         self.config, self.motions = config, motions
-        self.student, self.teacher = copy.deepcopy(student), teacher
+        self.student, self.teacher, self._distilled = copy.deepcopy(student), teacher, student
         self.critic_normalizer = Normalizer(_CRITIC_INPUT)
         self.critic = mlp([_CRITIC_INPUT, 512, 512, 1])
         network = self.student.policy.network
@@ -116,16 +119,21 @@ class FinetuneTrainer(Stage):
     def train(self) -> Student:
         """Trains until the time is used up."""
         self.run()
-        assert isinstance(self.averaged.module, Student)
-        return self.averaged.module
+        result = copy.deepcopy(self._distilled)
+        with torch.no_grad():
+            for value, tuned in zip(result.parameters(), self.averaged.module.parameters(), strict=True):
+                value.lerp_(tuned, self.config.share)
+        return result
 
     def update(self) -> dict[str, float]:
         """One rollout and one update of PPO."""
         rollout, reward, failures = self._collect()
+        assert rollout.labels is not None
+        error = float((rollout.means - rollout.labels).abs().mean())
         divergence = self.ppo.learn(rollout, update_actor=self.seconds > self.config.critic_seconds)
         self.averaged.update_parameters(self.student)
         self.samples += len(rollout.returns)
-        return {"reward": reward, "failures": failures, "divergence": divergence}
+        return {"reward": reward, "failures": failures, "target error (rad)": error, "divergence": divergence}
 
     def inspect(self) -> dict[str, float]:
         """Falls under random latents of standing clips."""

@@ -178,7 +178,7 @@ class PPO:
 
     def _adapt(self, divergence: float) -> None:
         if divergence > 2 * self.target_divergence:
-            self.learning_rate = max(self.learning_rate / 1.3, 3e-5)
+            self.learning_rate = max(self.learning_rate / 1.3, 3e-6)
         elif 0 < divergence < self.target_divergence / 2:
             self.learning_rate = min(self.learning_rate * 1.3, 1e-3)
         for group in self.actor_optimizer.param_groups:
