@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,18 +13,42 @@ from agents.encoder.concepts import CONCEPTS, Concept
 from motion_data.clip import swap_sides
 
 _THIRD_PERSON = {"go": "goes", "do": "does", "be": "is", "have": "has"}
-_GERUND = {"be": "being", "lie": "lying", "die": "dying"}
-# One-syllable verbs that double their last letter before "ing".
-_DOUBLING_LIST = "put squat sit hit run jog step hop spin clap flap hug nod drop stop swim jab get let shrug dip tap"
+_GERUND = {"be": "being", "lie": "lying", "die": "dying", "tie": "tying", "tiptoe": "tiptoeing"}
+# Verbs that double their last letter before "ing".
+_DOUBLING_LIST = """
+    put squat sit hit run jog step hop spin clap flap hug nod drop stop swim jab get let shrug dip tap flip uppercut stir
+    beg chop dig drag drum fan grab grip nap pet plod plop plug pop rub sag scrub set shut sip skip slam slap slip spar
+    strut swat tip trip trot tug wag win grovel marshal pedal repel signal swivel travel wrap backpedal skim prop
+"""
 _DOUBLING = frozenset(_DOUBLING_LIST.split())
 _VERB_LIST = """
-    raise lift put hold reach stretch throw lower let keep relax extend point spread make move bend flex bring
-    fold join rest place touch salute give scratch drink cross stand wave say swing greet punch hit jab strike
-    box push shove clap applaud circle rotate flap take tilt lean arch twist turn look face pick squat do crouch
-    go sit kneel genuflect propose pull kick balance hop close lunge step rise jump leap get walk stroll march
-    run jog sprint dash back spin stay wait stop dance lie fall drop collapse crawl creep flip nod shake shrug
-    hug embrace roll uppercut sway show cower duck straddle pray be have stir
-    open knock approach use shoot tap nudge
+    raise lift put hold reach stretch throw lower let keep relax extend point spread make move bend flex bring fold
+    join rest place touch salute give scratch drink cross stand wave say swing greet punch hit jab strike box push
+    shove clap applaud circle rotate flap take tilt lean arch twist turn look face pick squat do crouch go sit kneel
+    genuflect propose pull kick balance hop close lunge step rise jump leap get walk stroll march run jog sprint
+    dash back spin stay wait stop dance lie fall drop collapse crawl creep flip nod shake shrug hug embrace roll
+    uppercut sway show cower duck straddle pray be have stir open knock approach use shoot tap nudge attract
+    backpedal barricade burst bustle chuck crunch enter groove hasten hurl kiss leave loosen lope pitch prop recover
+    scurry skim slink stalk steal study support swim tiptoe toss wake whack wrap abduct adjust admire advance aim
+    alternate amble ask attack bang beat beckon beg bestride bite block blow bolt boogie boot bounce bound bowl
+    brace brandish break breakdance brush budge build call calm carry catch celebrate change charge chase check
+    cheer chill chop clasp clean clear click climb coil collect comb come conduct congratulate count cover crack
+    crash crumple cry cuddle cup curl cycle dangle dawdle defend despair dig dip dive dodge doze drag draw drive
+    drum dust eat end escape exist explode explore faint fan feed feel fence fetch fidget fight find fix flail flee
+    fling flutter fly follow form freeze frolic gallop gargle gather gaze glance grab grip grovel grow guide hail
+    halt hammer hang hear hide hike hinge hollow hook hover howl hunker hurry hurtle inch incline increase indicate
+    inspect invert jive juggle keel knot land lash launch lay limbo listen lock loiter loop mark marshal measure
+    meditate model moonwalk mount mourn nap offer paint park part party pass pause pay pedal peek peep perch pet
+    phone pirouette pivot plant play plead plod plonk plop plug pogo pop pose pour press proceed protect protest
+    pump punt queue ram rave read receive recline recoil refuse remain repel retreat retrieve reverse revolve ride
+    ring rinse rock rocket romp row rub rush sag saunter scare scold scoop score scramble scrub scuttle search see
+    send serve set settle shade shampoo shave shift shrink shuffle shut sidestep sidle signal sink sip skip slam
+    slap sleep sleepwalk slide slip smack smash smoke soar spar speak speed splay spoon sprawl spring spy squeeze
+    stab stamp stare stargaze start steer stick stomp straighten stride stroke strut sulk sunbathe surrender swat
+    swear sweep swipe swivel talk tear teeter test text thank think thrash thrust thump tie tip topple trample
+    travel tread trip trot trudge try tuck tug tumble twirl type unload unlock usher vault veer volley volunteer
+    vote wade wag wander warm wash watch water-ski wear weed welcome wheel whirl whistle wiggle win wind wipe
+    withdraw wonder wring yaw yawn yield gesture
 """
 _VERBS = frozenset(_VERB_LIST.split())
 _SYNONYMS = (
@@ -50,52 +74,67 @@ _SYNONYMS = (
 )
 # The arms can do one thing while the legs, the trunk or the whole body do another.
 _PARTNERS = (("arms", "legs"), ("arms", "travel"), ("arms", "trunk"), ("trunk", "legs"))
+# Captions that need no person before them: whole sentences, and comparisons such as "as if held at gunpoint".
 _WHOLE_SENTENCE = re.compile(
-    r"^(a person|the foot|the ball|a foot|a chair)\b"
-)  # captions that are whole sentences already
+    r"^(a|an|the|someone|somebody|everybody|one|each|either|neither|only|all|your|my|i|i'm|as|like|with|will|there)\b"
+    r"|\b(is|are|has|have|goes?|lies?|moves?|touch|touches|points?|meets?|swings?|shoots?|rests?|comes?|stays?|flies|fly)\b"
+)
+_BODY = re.compile(
+    r"\b(arms?|elbows?|forearms?|hands?|palms?|fists?|fingers?|legs?|knees?|shins?|foot|feet|heels?|ankles?|head|chin|shoulders?)\b"
+)
 _JOINTS = ("{0} and {1}", "{1} and {0}", "{0} while {2}", "{3} while {1}", "{0}, {1}", "{1} with {0}")
 
 
 def third_person(phrase: str) -> str | None:
     """Turns "raise the arm" into "raises the arm"; None if the phrase does not start with a verb."""
-    verb, _, rest = phrase.partition(" ")
-    if verb not in _VERBS:
-        return None
-    if verb in _THIRD_PERSON:
-        verb = _THIRD_PERSON[verb]
-    elif verb.endswith(("s", "sh", "ch", "x", "z")):
-        verb += "es"
-    elif verb.endswith("y") and verb[-2] not in "aeiou":
-        verb = verb[:-1] + "ies"
-    else:
-        verb += "s"
-    return f"{verb} {rest}".strip()
+    return _conjugated(phrase, _third_person_of)
 
 
 def gerund(phrase: str) -> str | None:
     """Turns "raise the arm" into "raising the arm"; None if the phrase does not start with a verb."""
+    if phrase.startswith("do not "):
+        negated = gerund(phrase.removeprefix("do not "))
+        return negated and f"not {negated}"
+    return _conjugated(phrase, _gerund_of)
+
+
+def _conjugated(phrase: str, form: Callable[[str], str]) -> str | None:
     verb, _, rest = phrase.partition(" ")
     if verb not in _VERBS:
         return None
+    # "squat down and stay low" has two verbs.
+    rest = re.sub(r"\b(and|then) (\w+)", lambda m: f"{m[1]} {form(m[2])}" if m[2] in _VERBS else m[0], rest)
+    return f"{form(verb)} {rest}".strip()
+
+
+def _third_person_of(verb: str) -> str:
+    if verb in _THIRD_PERSON:
+        return _THIRD_PERSON[verb]
+    if verb.endswith(("s", "sh", "ch", "x", "z")):
+        return verb + "es"
+    if verb.endswith("y") and verb[-2] not in "aeiou":
+        return verb[:-1] + "ies"
+    return verb + "s"
+
+
+def _gerund_of(verb: str) -> str:
     if verb in _GERUND:
-        verb = _GERUND[verb]
-    elif verb in _DOUBLING:
-        verb += verb[-1] + "ing"
-    elif verb.endswith("e") and not verb.endswith("ee"):
-        verb = verb[:-1] + "ing"
-    else:
-        verb += "ing"
-    return f"{verb} {rest}".strip()
+        return _GERUND[verb]
+    if verb in _DOUBLING:
+        return verb + verb[-1] + "ing"
+    if verb.endswith("e") and not verb.endswith("ee"):
+        return verb[:-1] + "ing"
+    return verb + "ing"
 
 
 def with_synonyms(phrase: str, rng: np.random.Generator) -> str:
     """The phrase with some of its words exchanged for others of the same meaning."""
-    words = f" {phrase} "
+    words = f" {phrase} ".replace(" in place ", " in_place ").replace(" the back ", " the_back ")  # these stay
     for group in _SYNONYMS:
         present = [word for word in group if f" {word} " in words]
         if present and rng.random() < 0.6:
             words = words.replace(f" {present[0]} ", f" {rng.choice(group)} ", 1)
-    return words.strip()
+    return words.strip().replace("_", " ")
 
 
 @dataclass(frozen=True)
@@ -158,11 +197,15 @@ def variants(phrase: str, style: str = "reward") -> list[str]:
         style: whose templates to take, a key of `TEMPLATES`.
     """
     templates = TEMPLATES[style]
-    if _WHOLE_SENTENCE.match(phrase):  # "a person kicks the ball" needs no person before it
-        return [text.format(phrase) for text in templates.nominal[-1:]]
     third, doing = third_person(phrase), gerund(phrase)
-    verbal = third is not None and doing is not None
-    chosen = templates.plain + (templates.verbal if verbal else templates.nominal)
+    if third is not None and doing is not None:
+        chosen = templates.plain + templates.verbal
+    elif _WHOLE_SENTENCE.search(phrase):  # "a person kicks the ball" needs no person before it
+        chosen = templates.nominal[-1:]
+    elif _BODY.search(phrase):
+        chosen = templates.plain + templates.nominal
+    else:  # "a person with surrender" is no English
+        chosen = templates.plain + templates.nominal[-1:]
     return [text.format(phrase, third, doing) for text in chosen]
 
 
@@ -256,18 +299,26 @@ def write_captions(
         for phrase in concept.phrases[1:]:
             if phrase not in kept and rng.random() < held_out_share:
                 kept |= {phrase, swap_sides(phrase)}
+    # Drawn after the others, so that which of those are kept does not depend on the further wordings.
+    for concept in concepts:
+        for phrase in concept.further:
+            if phrase not in kept and rng.random() < held_out_share:
+                kept |= {phrase, swap_sides(phrase)}
     firsts = {concept.phrases[0] for concept in concepts}
     kept -= firsts
     training: list[Caption] = []
     held_out: list[Caption] = []
     for index, concept in enumerate(concepts):
-        for phrase in concept.phrases:
+        for phrase in concept.wordings:
             if phrase in kept:
                 held_out.append(Caption(phrase, (index,)))
                 continue
             training.append(Caption(phrase, (index,)))
             others = variants(phrase, style)
             chosen = rng.choice(len(others), size=min(variants_per_phrase, len(others)), replace=False)
+            if phrase in concept.further:  # as varied as they are, they need no synonyms
+                training += [Caption(others[choice], (index,)) for choice in chosen]
+                continue
             training += [Caption(with_synonyms(others[choice], rng), (index,)) for choice in chosen]
             training += [Caption(with_synonyms(phrase, rng), (index,)) for _ in range(2)]
     groups: dict[str, list[int]] = {}
@@ -293,7 +344,7 @@ def write_captions(
 
 
 def _phrase(rng: np.random.Generator, concept: Concept, kept: set[str]) -> str:
-    return str(rng.choice([phrase for phrase in concept.phrases if phrase not in kept]))
+    return str(rng.choice([phrase for phrase in concept.wordings if phrase not in kept]))
 
 
 def _join(rng: np.random.Generator, first: str, second: str) -> str:
@@ -303,7 +354,8 @@ def _join(rng: np.random.Generator, first: str, second: str) -> str:
         possible.remove("{0} while {2}")
     if first_doing is None or gerund(second) is None:
         possible.remove("{3} while {1}")
-    if first_doing is not None:  # "squat with raise the arm" is no English, "squat with both hands up" is
+    # "squat with raise the arm" is no English, "squat with both hands up" is.
+    if first_doing is not None or _WHOLE_SENTENCE.search(first) or not _BODY.search(first):
         possible.remove("{1} with {0}")
     template = str(rng.choice(possible))
     if template == "{3} while {1}":

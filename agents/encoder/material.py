@@ -13,6 +13,7 @@ from agents.encoder.dataset import MotionSet, generate, join_sets
 from agents.encoder.exemplars import exemplar_concepts
 from agents.encoder.relations import relation_concepts
 from agents.encoder.scenes import ObjectLayout
+from agents.encoder.wordings import with_further_wordings
 from anyskill_envs.objects import load_object
 from motion_data.authored import authored_clips
 from motion_data.clip import MotionClip
@@ -35,9 +36,9 @@ def _partner_names(name: str) -> set[str]:
 
 
 def all_concepts(clips: list[MotionClip], objects: tuple[str, ...] = ()) -> tuple[Concept, ...]:
-    """Ruled concepts, then those that clips show, then relations to objects."""
+    """Ruled concepts, then those that clips show, then relations to objects, all with their further wordings."""
     related = relation_concepts([load_object(name) for name in objects])
-    return (*CONCEPTS.values(), *exemplar_concepts(clips), *related)
+    return with_further_wordings((*CONCEPTS.values(), *exemplar_concepts(clips), *related))
 
 
 def mirrored_concepts(concepts: tuple[Concept, ...]) -> NDArray[np.int64]:

@@ -22,12 +22,19 @@ class Concept:
         group: "arms", "trunk", "legs", "travel" or "whole": concepts of different groups can be joined by "and".
         phrases: wordings, imperative first.
         rule: how far n short motions fulfil it, `(n,)` from 0 to 1.
+        further: more wordings, see :func:`agents.encoder.wordings.with_further_wordings`.
     """
 
     name: str
     group: str
     phrases: tuple[str, ...]
     rule: Rule
+    further: tuple[str, ...] = ()
+
+    @property
+    def wordings(self) -> tuple[str, ...]:
+        """All wordings: the phrases, then the further ones."""
+        return self.phrases + self.further
 
 
 CONCEPTS: dict[str, Concept] = {}
