@@ -57,7 +57,7 @@ def test_sides_are_named_and_mirrored(concepts: tuple[Concept, ...]) -> None:
         ("grab the top shelf with the two hands", "the humanoid grabs the top shelf with the two hands"),
         ("beg for mercy with folded hands", "a person begging for mercy with folded hands"),
         ("carry a baby on the left arm", "a robot carries a baby on the left arm"),
-        ("tie your shoelace", "a person is tying your shoelace"),
+        ("tie your shoelace", "a person is tying their shoelace"),
         ("refuse and fold the arms", "a person refuses and folds the arms"),
         ("do not gesture", "a person is not gesturing"),
         ("as if held at gunpoint", "pose: as if held at gunpoint"),

@@ -16,39 +16,40 @@ _THIRD_PERSON = {"go": "goes", "do": "does", "be": "is", "have": "has"}
 _GERUND = {"be": "being", "lie": "lying", "die": "dying", "tie": "tying", "tiptoe": "tiptoeing"}
 # Verbs that double their last letter before "ing".
 _DOUBLING_LIST = """
-    put squat sit hit run jog step hop spin clap flap hug nod drop stop swim jab get let shrug dip tap flip uppercut stir
-    beg chop dig drag drum fan grab grip nap pet plod plop plug pop rub sag scrub set shut sip skip slam slap slip spar
-    strut swat tip trip trot tug wag win grovel marshal pedal repel signal swivel travel wrap backpedal skim prop
+    put squat sit hit run jog step hop spin clap flap hug nod drop stop swim jab get let shrug dip tap flip uppercut
+    stir beg chop dig drag drum fan grab grip nap pet plod plop plug pop rub sag scrub set shut sip skip slam slap
+    slip spar strut swat tip trip trot tug wag win grovel marshal pedal repel signal swivel travel wrap backpedal
+    skim prop flag bar kip lob
 """
 _DOUBLING = frozenset(_DOUBLING_LIST.split())
 _VERB_LIST = """
-    raise lift put hold reach stretch throw lower let keep relax extend point spread make move bend flex bring fold
-    join rest place touch salute give scratch drink cross stand wave say swing greet punch hit jab strike box push
-    shove clap applaud circle rotate flap take tilt lean arch twist turn look face pick squat do crouch go sit kneel
-    genuflect propose pull kick balance hop close lunge step rise jump leap get walk stroll march run jog sprint
-    dash back spin stay wait stop dance lie fall drop collapse crawl creep flip nod shake shrug hug embrace roll
-    uppercut sway show cower duck straddle pray be have stir open knock approach use shoot tap nudge attract
-    backpedal barricade burst bustle chuck crunch enter groove hasten hurl kiss leave loosen lope pitch prop recover
-    scurry skim slink stalk steal study support swim tiptoe toss wake whack wrap abduct adjust admire advance aim
-    alternate amble ask attack bang beat beckon beg bestride bite block blow bolt boogie boot bounce bound bowl
-    brace brandish break breakdance brush budge build call calm carry catch celebrate change charge chase check
-    cheer chill chop clasp clean clear click climb coil collect comb come conduct congratulate count cover crack
-    crash crumple cry cuddle cup curl cycle dangle dawdle defend despair dig dip dive dodge doze drag draw drive
-    drum dust eat end escape exist explode explore faint fan feed feel fence fetch fidget fight find fix flail flee
-    fling flutter fly follow form freeze frolic gallop gargle gather gaze glance grab grip grovel grow guide hail
-    halt hammer hang hear hide hike hinge hollow hook hover howl hunker hurry hurtle inch incline increase indicate
-    inspect invert jive juggle keel knot land lash launch lay limbo listen lock loiter loop mark marshal measure
-    meditate model moonwalk mount mourn nap offer paint park part party pass pause pay pedal peek peep perch pet
-    phone pirouette pivot plant play plead plod plonk plop plug pogo pop pose pour press proceed protect protest
-    pump punt queue ram rave read receive recline recoil refuse remain repel retreat retrieve reverse revolve ride
-    ring rinse rock rocket romp row rub rush sag saunter scare scold scoop score scramble scrub scuttle search see
-    send serve set settle shade shampoo shave shift shrink shuffle shut sidestep sidle signal sink sip skip slam
-    slap sleep sleepwalk slide slip smack smash smoke soar spar speak speed splay spoon sprawl spring spy squeeze
-    stab stamp stare stargaze start steer stick stomp straighten stride stroke strut sulk sunbathe surrender swat
-    swear sweep swipe swivel talk tear teeter test text thank think thrash thrust thump tie tip topple trample
-    travel tread trip trot trudge try tuck tug tumble twirl type unload unlock usher vault veer volley volunteer
-    vote wade wag wander warm wash watch water-ski wear weed welcome wheel whirl whistle wiggle win wind wipe
-    withdraw wonder wring yaw yawn yield gesture
+    flag bow vent brake curve facepalm bar kip lob parade train slow raise lift put hold reach stretch throw lower
+    let keep relax extend point spread make move bend flex bring fold join rest place touch salute give scratch
+    drink cross stand wave say swing greet punch hit jab strike box push shove clap applaud circle rotate flap take
+    tilt lean arch twist turn look face pick squat do crouch go sit kneel genuflect propose pull kick balance hop
+    close lunge step rise jump leap get walk stroll march run jog sprint dash back spin stay wait stop dance lie
+    fall drop collapse crawl creep flip nod shake shrug hug embrace roll uppercut sway show cower duck straddle pray
+    be have stir open knock approach use shoot tap nudge attract backpedal barricade burst bustle chuck crunch enter
+    groove hasten hurl kiss leave loosen lope pitch prop recover scurry skim slink stalk steal study support swim
+    tiptoe toss wake whack wrap abduct adjust admire advance aim alternate amble ask attack bang beat beckon beg
+    bestride bite block blow bolt boogie boot bounce bound bowl brace brandish break breakdance brush budge build
+    call calm carry catch celebrate change charge chase check cheer chill chop clasp clean clear click climb coil
+    collect comb come conduct congratulate count cover crack crash crumple cry cuddle cup curl cycle dangle dawdle
+    defend despair dig dip dive dodge doze drag draw drive drum dust eat end escape exist explode explore faint fan
+    feed feel fence fetch fidget fight find fix flail flee fling flutter fly follow form freeze frolic gallop gargle
+    gather gaze glance grab grip grovel grow guide hail halt hammer hang hear hide hike hinge hollow hook hover howl
+    hunker hurry hurtle inch incline increase indicate inspect invert jive juggle keel knot land lash launch lay
+    limbo listen lock loiter loop mark marshal measure meditate model moonwalk mount mourn nap offer paint park part
+    party pass pause pay pedal peek peep perch pet phone pirouette pivot plant play plead plod plonk plop plug pogo
+    pop pose pour press proceed protect protest pump punt queue ram rave read receive recline recoil refuse remain
+    repel retreat retrieve reverse revolve ride ring rinse rock rocket romp row rub rush sag saunter scare scold
+    scoop score scramble scrub scuttle search see send serve set settle shade shampoo shave shift shrink shuffle
+    shut sidestep sidle signal sink sip skip slam slap sleep sleepwalk slide slip smack smash smoke soar spar speak
+    speed splay spoon sprawl spring spy squeeze stab stamp stare stargaze start steer stick stomp straighten stride
+    stroke strut sulk sunbathe surrender swat swear sweep swipe swivel talk tear teeter test text thank think thrash
+    thrust thump tie tip topple trample travel tread trip trot trudge try tuck tug tumble twirl type unload unlock
+    usher vault veer volley volunteer vote wade wag wander warm wash watch water-ski wear weed welcome wheel whirl
+    whistle wiggle win wind wipe withdraw wonder wring yaw yawn yield gesture
 """
 _VERBS = frozenset(_VERB_LIST.split())
 _SYNONYMS = (
@@ -76,11 +77,14 @@ _SYNONYMS = (
 _PARTNERS = (("arms", "legs"), ("arms", "travel"), ("arms", "trunk"), ("trunk", "legs"))
 # Captions that need no person before them: whole sentences, and comparisons such as "as if held at gunpoint".
 _WHOLE_SENTENCE = re.compile(
-    r"^(a|an|the|someone|somebody|everybody|one|each|either|neither|only|all|your|my|i|i'm|as|like|with|will|there)\b"
+    r"^(a|an|the|someone|somebody|everybody|one|each|either|neither|only|all|your|my|I|I'm|as|like|with|will|there)\b"
     r"|\b(is|are|has|have|goes?|lies?|moves?|touch|touches|points?|meets?|swings?|shoots?|rests?|comes?|stays?|flies|fly)\b"
+    r"|\b(press|pushes|carry|carries|holds?|hangs?|hovers?|turns?|leads?|stands?|bends?|rises?|supports?|stirs)\b"
 )
+# A person can be seen "with" these.
 _BODY = re.compile(
-    r"\b(arms?|elbows?|forearms?|hands?|palms?|fists?|fingers?|legs?|knees?|shins?|foot|feet|heels?|ankles?|head|chin|shoulders?)\b"
+    r"\b(arms?|elbows?|forearms?|hands?|palms?|fists?|fingers?|legs?|knees?|shins?|foot|feet|heels?|ankles?|head|chin"
+    r"|shoulders?)\b"
 )
 _JOINTS = ("{0} and {1}", "{1} and {0}", "{0} while {2}", "{3} while {1}", "{0}, {1}", "{1} with {0}")
 
@@ -103,8 +107,13 @@ def _conjugated(phrase: str, form: Callable[[str], str]) -> str | None:
     if verb not in _VERBS:
         return None
     # "squat down and stay low" has two verbs.
-    rest = re.sub(r"\b(and|then) (\w+)", lambda m: f"{m[1]} {form(m[2])}" if m[2] in _VERBS else m[0], rest)
+    rest = re.sub(r"\b(and then|and) (\w+)", lambda m: f"{m[1]} {form(m[2])}" if m[2] in _VERBS else m[0], rest)
     return f"{form(verb)} {rest}".strip()
+
+
+def _of_another(phrase: str) -> str:
+    """A person ties "their" shoelace, not "your" one."""
+    return re.sub(r"\byour\b", "their", phrase.replace("yourself", "themselves"))
 
 
 def _third_person_of(verb: str) -> str:
@@ -200,6 +209,7 @@ def variants(phrase: str, style: str = "reward") -> list[str]:
     third, doing = third_person(phrase), gerund(phrase)
     if third is not None and doing is not None:
         chosen = templates.plain + templates.verbal
+        third, doing = _of_another(third), _of_another(doing)
     elif _WHOLE_SENTENCE.search(phrase):  # "a person kicks the ball" needs no person before it
         chosen = templates.nominal[-1:]
     elif _BODY.search(phrase):
@@ -300,9 +310,13 @@ def write_captions(
             if phrase not in kept and rng.random() < held_out_share:
                 kept |= {phrase, swap_sides(phrase)}
     # Drawn after the others, so that which of those are kept does not depend on the further wordings.
+    drawn: set[str] = set()
     for concept in concepts:
         for phrase in concept.further:
-            if phrase not in kept and rng.random() < held_out_share:
+            if phrase in drawn:  # with its mirror image
+                continue
+            drawn |= {phrase, swap_sides(phrase)}
+            if rng.random() < held_out_share:
                 kept |= {phrase, swap_sides(phrase)}
     firsts = {concept.phrases[0] for concept in concepts}
     kept -= firsts
