@@ -92,11 +92,10 @@ def evaluate(
         per_track: motions per track.
 
     Raises:
-        ValueError: a free sentence is among the captions of training; or there are too few motions.
+        ValueError: there are too few motions.
     """
     clips = motion_library()
-    moments = sentence_moments(clips, np.random.default_rng(SEED))
-    _refuse_known(moments, captions)
+    moments = _unknown(sentence_moments(clips, np.random.default_rng(SEED)), captions)
     layout = ObjectLayout(_objects(captions))
     rng = np.random.default_rng(SEED + 1)
     held = join_sets(list(generate(clips, captions.concepts, rng, 1, tracks, per_track, layout=layout)))
@@ -132,10 +131,16 @@ def _objects(captions: CaptionSet) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _refuse_known(moments: Moments, captions: CaptionSet) -> None:
-    known = {caption.text for caption in captions.training} & {sentence.lower() for sentence in moments.sentences}
-    if known:
-        raise ValueError(f"These free sentences are captions of training: {', '.join(sorted(known))}.")
+def _unknown(moments: Moments, captions: CaptionSet) -> Moments:
+    """The moments whose sentences are not by chance among the captions of training; the figures say how many are left."""
+    known = {caption.text for caption in captions.training}
+    rows = [row for row, sentence in enumerate(moments.sentences) if sentence.lower() not in known]
+    return Moments(
+        tuple(moments.sentences[row] for row in rows),
+        tuple(moments.clips[row] for row in rows),
+        moments.observations[rows],
+        moments.films[rows],
+    )
 
 
 def _originals(clips: list[MotionClip]) -> list[MotionClip]:
