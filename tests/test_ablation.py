@@ -87,7 +87,7 @@ def finished(tmp_path_factory, library):
     for run in runs[:-1]:
         good = run.reward == "clip"
         pretend(run, rng, 0.05 if good else 0.3, [good, good and run.seed > 0])
-    page = write_report(config, runs, choose_evaluator(None, "small"), ["a run ended with code 1"], library)
+    page = write_report(config, runs, choose_evaluator("small", "small"), ["a run ended with code 1"], library)
     return config, runs, page, json.loads((config.output / "results.json").read_text())
 
 
@@ -272,7 +272,7 @@ def test_a_run_is_measured_once(finished, library):
     _, runs, _, _ = finished
     file = runs[0].folder.path / MEASURES_FILE
     before = file.stat().st_mtime_ns
-    judge = choose_evaluator(None, "small")
+    judge = choose_evaluator("small", "small")
     values = measure_run(runs[0], judge, library)
     assert file.stat().st_mtime_ns == before
     other = LibraryFeatures(MotionLibrary([MotionClip("still", swaying(np.random.default_rng(5), 0.1))]))
@@ -306,11 +306,11 @@ def test_pictures_and_states_are_scored():
     rng = np.random.default_rng(0)
     motion = swaying(rng, 0.2, frames=30)
     seen = rng.normal(size=(30, 223)).astype(np.float32)
-    judge = choose_evaluator(None, "small")
+    judge = choose_evaluator("small", "small")
     wanted = judge.encoder.encode_text(["squat down"])[0]
     expected = 100 * (judge.encoder.encode_state(seen[::4]) @ wanted).mean()
     assert judge.scores([(motion, seen)], "squat down") == pytest.approx([expected])
-    looking = choose_evaluator(None, "small", pictures=True)
+    looking = choose_evaluator("small", "small", pictures=True)
     assert looking.digest != judge.digest
     try:
         (score,) = looking.scores([(motion, seen)], "squat down")
