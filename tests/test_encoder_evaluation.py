@@ -5,8 +5,10 @@ import pytest
 
 pytest.importorskip("torch")
 
+from agents.encoder.captions import Caption, CaptionSet
 from agents.encoder.card import BEGIN, END, update_figures
-from agents.encoder.evaluation import EncoderReport
+from agents.encoder.evaluation import EncoderReport, unseen
+from agents.encoder.free_sentences import Moments
 from agents.encoder.pose_facts import FACT_NAMES, FACTS, measure_facts, pose_captions
 from agents.encoder.pose_figures import rule_figures, sentence_figures
 from motion_data.skeleton import joint_index, joint_limits, rest_qpos
@@ -83,6 +85,14 @@ def test_a_sentence_is_looked_for_among_the_moments_of_all():
     assert sentence_figures(Echo(), right, [str(index) for index in range(10)])["recall@1"] == 1.0
     figures = sentence_figures(Echo(), swapped, [str(index) for index in range(10)])
     assert figures["recall@1"] == pytest.approx(0.8)
+
+
+def test_a_free_sentence_that_training_knows_is_left_out():
+    films, observations = np.arange(3)[:, None, None] * np.ones((3, 4, 35)), np.arange(3)[:, None] * np.ones((3, 223))
+    moments = Moments(("Bow", "like a scarecrow", "hail a taxi"), ("a", "b", "c"), observations, films)
+    left = unseen(moments, CaptionSet((), (Caption("like a scarecrow", (0,)), Caption("bow", (1,))), ()))
+    assert left.sentences == ("hail a taxi",) and left.clips == ("c",)
+    assert left.observations.min() == 2 and left.films.shape == (1, 4, 35) and left.films.min() == 2
 
 
 def test_figures_of_a_card_are_replaced_and_the_rest_stays(tmp_path):

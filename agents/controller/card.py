@@ -11,7 +11,7 @@ _TEMPLATE = """# Low-level controller {version}
 |---|---|
 | What it does | PD targets of 28 hinges at 30 Hz from 223 numbers of proprioception and a unit latent of 64 |
 | Body | `motion_data/assets/humanoid.xml`, SHA-256 `{digest}` |
-| Method | motion tracking by PPO in the heading frame, then distillation (DAgger) into a latent that sees only the 2 s window of the reference; a clip and its left-right twin are one skill, and all but symmetric clips are mirrored in half of the samples |
+| Method | motion tracking by PPO in the heading frame, then distillation (DAgger) into a latent that sees only the 2 s window of the reference, then PPO under held and changing latents and pushes with the labels of the first stage beside it (`docs/controller.md`); a clip and its left-right twin are one skill, and all but symmetric clips are mirrored in half of the samples |
 | Compute | {compute} |
 | Training data | {training_data} |
 | Licence | {licence}; trained by this project. The mocap clips come with the package `pybullet` and are not part of the files |

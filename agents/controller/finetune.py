@@ -49,8 +49,8 @@ class FinetuneConfig:
     averaging: float = 0.99
     """Decay of the running mean of the weights, per update."""
     share: float = 0.5
-    """What training yields lies between the distilled weights (0) and that mean (1). Half-way keeps most of what
-    fine-tuning gains and loses none of the skills that it harms (Wortsman et al. 2022, "Robust fine-tuning")."""
+    """What training yields lies between the distilled weights (0) and that mean (1). In between, most of what
+    fine-tuning gains is kept, and less of the skills is lost that it harms (Wortsman et al. 2022, "Robust fine-tuning")."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 0

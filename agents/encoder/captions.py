@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,44 +15,12 @@ from motion_data.clip import swap_sides
 
 _THIRD_PERSON = {"go": "goes", "do": "does", "be": "is", "have": "has"}
 _GERUND = {"be": "being", "lie": "lying", "die": "dying", "tie": "tying", "tiptoe": "tiptoeing"}
-# Verbs that double their last letter before "ing".
-_DOUBLING_LIST = """
-    put squat sit hit run jog step hop spin clap flap hug nod drop stop swim jab get let shrug dip tap flip uppercut
-    stir beg chop dig drag drum fan grab grip nap pet plod plop plug pop rub sag scrub set shut sip skip slam slap
-    slip spar strut swat tip trip trot tug wag win grovel marshal pedal repel signal swivel travel wrap backpedal
-    skim prop flag bar kip lob
-"""
-_DOUBLING = frozenset(_DOUBLING_LIST.split())
-_VERB_LIST = """
-    flag bow vent brake curve facepalm bar kip lob parade train slow raise lift put hold reach stretch throw lower
-    let keep relax extend point spread make move bend flex bring fold join rest place touch salute give scratch
-    drink cross stand wave say swing greet punch hit jab strike box push shove clap applaud circle rotate flap take
-    tilt lean arch twist turn look face pick squat do crouch go sit kneel genuflect propose pull kick balance hop
-    close lunge step rise jump leap get walk stroll march run jog sprint dash back spin stay wait stop dance lie
-    fall drop collapse crawl creep flip nod shake shrug hug embrace roll uppercut sway show cower duck straddle pray
-    be have stir open knock approach use shoot tap nudge attract backpedal barricade burst bustle chuck crunch enter
-    groove hasten hurl kiss leave loosen lope pitch prop recover scurry skim slink stalk steal study support swim
-    tiptoe toss wake whack wrap abduct adjust admire advance aim alternate amble ask attack bang beat beckon beg
-    bestride bite block blow bolt boogie boot bounce bound bowl brace brandish break breakdance brush budge build
-    call calm carry catch celebrate change charge chase check cheer chill chop clasp clean clear click climb coil
-    collect comb come conduct congratulate count cover crack crash crumple cry cuddle cup curl cycle dangle dawdle
-    defend despair dig dip dive dodge doze drag draw drive drum dust eat end escape exist explode explore faint fan
-    feed feel fence fetch fidget fight find fix flail flee fling flutter fly follow form freeze frolic gallop gargle
-    gather gaze glance grab grip grovel grow guide hail halt hammer hang hear hide hike hinge hollow hook hover howl
-    hunker hurry hurtle inch incline increase indicate inspect invert jive juggle keel knot land lash launch lay
-    limbo listen lock loiter loop mark marshal measure meditate model moonwalk mount mourn nap offer paint park part
-    party pass pause pay pedal peek peep perch pet phone pirouette pivot plant play plead plod plonk plop plug pogo
-    pop pose pour press proceed protect protest pump punt queue ram rave read receive recline recoil refuse remain
-    repel retreat retrieve reverse revolve ride ring rinse rock rocket romp row rub rush sag saunter scare scold
-    scoop score scramble scrub scuttle search see send serve set settle shade shampoo shave shift shrink shuffle
-    shut sidestep sidle signal sink sip skip slam slap sleep sleepwalk slide slip smack smash smoke soar spar speak
-    speed splay spoon sprawl spring spy squeeze stab stamp stare stargaze start steer stick stomp straighten stride
-    stroke strut sulk sunbathe surrender swat swear sweep swipe swivel talk tear teeter test text thank think thrash
-    thrust thump tie tip topple trample travel tread trip trot trudge try tuck tug tumble twirl type unload unlock
-    usher vault veer volley volunteer vote wade wag wander warm wash watch water-ski wear weed welcome wheel whirl
-    whistle wiggle win wind wipe withdraw wonder wring yaw yawn yield gesture
-"""
-_VERBS = frozenset(_VERB_LIST.split())
+_VERBS_FILE = Path(__file__).with_name("verbs.txt")
+_MARKED = [
+    word for line in _VERBS_FILE.read_text(encoding="utf-8").splitlines() if line[0] != "#" for word in line.split()
+]
+_VERBS = frozenset(word.rstrip("*") for word in _MARKED)
+_DOUBLING = frozenset(word[:-1] for word in _MARKED if word.endswith("*"))
 _SYNONYMS = (
     ("raise", "lift"),
     ("above the head", "over the head", "overhead"),

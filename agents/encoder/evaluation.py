@@ -95,7 +95,7 @@ def evaluate(
         ValueError: there are too few motions.
     """
     clips = motion_library()
-    moments = _unknown(sentence_moments(clips, np.random.default_rng(SEED)), captions)
+    moments = unseen(sentence_moments(clips, np.random.default_rng(SEED)), captions)
     layout = ObjectLayout(_objects(captions))
     rng = np.random.default_rng(SEED + 1)
     held = join_sets(list(generate(clips, captions.concepts, rng, 1, tracks, per_track, layout=layout)))
@@ -131,7 +131,7 @@ def _objects(captions: CaptionSet) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _unknown(moments: Moments, captions: CaptionSet) -> Moments:
+def unseen(moments: Moments, captions: CaptionSet) -> Moments:
     """The moments whose sentences are not by chance among the captions of training; the figures say how many are left."""
     known = {caption.text for caption in captions.training}
     rows = [row for row, sentence in enumerate(moments.sentences) if sentence.lower() not in known]

@@ -91,7 +91,7 @@ class RunFolder:
         for needed in (folder.config, folder.policy):
             if not needed.exists():
                 raise FileNotFoundError(
-                    f"'{path}' is no finished run: {needed.name} is missing. Train one with "
-                    '`anyskill train "<text>"`, or finish it with --resume.'
+                    f"'{path}' is no finished run: {needed.name} is missing. Finish it with --resume, or train one "
+                    "(`anyskill train --help`)."
                 )
         return folder
