@@ -13,6 +13,8 @@ from motion_data.files import write_whole
 from motion_data.skeleton import FRAME_RATE, JOINT_NAMES, QPOS_SIZE, differentiate, heading, mirror_qpos
 
 _FORMAT_VERSION = 1
+MIRRORED_SUFFIX = "_mirrored"
+"""Ends the name of a mirror image."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,8 @@ class MotionClip:
 
     def mirrored(self) -> "MotionClip":
         """The motion reflected in the x-z plane, with "left" and "right" exchanged in its labels."""
-        name = self.name.removesuffix("_mirrored") if self.name.endswith("_mirrored") else f"{self.name}_mirrored"
+        base = self.name.removesuffix(MIRRORED_SUFFIX)
+        name = base if base != self.name else self.name + MIRRORED_SUFFIX
         return replace(self, name=name, qpos=mirror_qpos(self.qpos), labels=tuple(map(swap_sides, self.labels)))
 
     def repeated(self, duration: float) -> "MotionClip":

@@ -6,7 +6,7 @@ import numpy as np
 
 from anyskill_envs.observation import OBSERVATION_SIZE
 from anyskill_envs.simulation import HumanoidSimulation
-from motion_data.clip import MotionClip
+from motion_data.clip import MIRRORED_SUFFIX, MotionClip
 from motion_data.library import mirror_name
 from motion_data.window import WINDOW_FRAMES, window_features
 
@@ -35,8 +35,8 @@ class ReferenceMotions:
         period: Frames after which a held motion window starts again: whole cycles of a loop, else the window, ``(F,)``.
         seamless: Whether the window can start again without a jump (loops), ``(F,)`` bool.
         upright: Frames in which the humanoid is on its feet, ``(F,)`` bool.
-        reflected: Frames of clips whose twin (left and right exchanged in the name) comes first in the alphabet: they are
-            to be performed as its mirror image, ``(F,)`` bool.
+        reflected: Frames of mirror images, and of clips whose twin (left and right exchanged in the name) comes first in
+            the alphabet: they are to be performed as its mirror image, ``(F,)`` bool.
 
     Raises:
         ValueError: If there is no clip, or two clips have the same name.
@@ -66,13 +66,16 @@ class ReferenceMotions:
         self.observations, head = self._observe()
         self.feedforward = (self.qpos[:, 7:] + _LEAD * self.qvel[:, 6:]).astype(np.float32)
         self.table = np.concatenate([self.observations, self.feedforward], 1)
-        reflected = [mirror_name(name) in self.names and mirror_name(name) < name for name in self.names]
-        self.reflected = np.repeat(reflected, self.lengths)
+        self.reflected = np.repeat([self._is_reflected(name) for name in self.names], self.lengths)
         self.upright = (self.qpos[:, 2] > 0.5) & (head > 0.9)
 
     def __len__(self) -> int:
         """Number of frames."""
         return len(self.qpos)
+
+    def _is_reflected(self, name: str) -> bool:
+        twin = mirror_name(name)
+        return name.endswith(MIRRORED_SUFFIX) or (twin in self.names and twin < name)
 
     def _observe(self) -> tuple[np.ndarray, np.ndarray]:
         frames = len(self.qpos)
