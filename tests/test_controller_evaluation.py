@@ -228,7 +228,8 @@ def test_strips_show_reference_and_simulation(tmp_path, capsys):
     AUTHORED["nod"].save(tmp_path / "clips" / "nod.npz")
     strips = tmp_path / "strips"
     words = ["controller", "show", "--clips", str(tmp_path / "clips"), "--output", str(strips), "--frames", "2"]
-    assert main(words) == 0
+    assert main([*words, "--pages", str(tmp_path / "pages")]) == 0
+    assert image.open(tmp_path / "pages" / "page_1.webp").width == 2 * (640 + 14)
     assert "nod.png" in capsys.readouterr().out
     pixels = np.asarray(image.open(strips / "nod.png"))
     assert pixels.shape == (400, 2 * 164 - 4, 3)

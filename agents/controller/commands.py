@@ -156,11 +156,13 @@ class ControllerStrips:
     """Folder of motion clips (.npz); the project's library if not given."""
     frames: int = 10
     """Pictures in a row."""
+    pages: Path | None = None
+    """Folder of overviews, small copies of all strips on a few pages (.webp); none if not given."""
 
 
 def show(config: ControllerStrips) -> None:
     """Writes a PNG for each clip: the reference above, what the controller does below, at the same moments."""
-    from agents.controller.strips import draw_strips
+    from agents.controller.strips import draw_strips, write_pages
 
     controller, encoder = _load(config.weights)
     clips = MotionLibrary(controller_clips(config.clips, acrobatics=True, mirrored=True))
@@ -168,3 +170,5 @@ def show(config: ControllerStrips) -> None:
     motions = ReferenceMotions([clips[name] for name in names])
     paths = draw_strips(controller, encoder, motions, config.output, config.frames)
     print(f"Wrote {len(paths)} strips, such as {paths[0]}")
+    if config.pages is not None:
+        print(f"Wrote {len(write_pages(paths, config.pages))} pages into {config.pages}")

@@ -161,6 +161,7 @@ class FinetuneTrainer(Stage):
         inputs = torch.empty(steps, n, OBSERVATION_SIZE + LATENT_SIZE, dtype=torch.bfloat16)
         critic_inputs = torch.empty(steps, n, _CRITIC_INPUT, dtype=torch.bfloat16)
         means, actions, labels = (torch.empty(steps, n, 28) for _ in range(3))
+        upright = torch.empty(steps, n)
         values, rewards, ends = torch.empty(steps + 1, n), torch.empty(steps, n), torch.empty(steps, n)
         failures = 0.0
         for step in range(steps):
@@ -169,6 +170,7 @@ class FinetuneTrainer(Stage):
             inputs[step] = torch.cat([observation, self._latent * LATENT_SIZE**0.5], 1)
             critic_inputs[step] = self._critic_input()
             labels[step] = torch.from_numpy(self.teacher.targets(tracking))
+            upright[step] = torch.from_numpy(self.motions.upright[tracking.frame])
             with fast_arithmetic():
                 means[step] = policy.network(inputs[step]).float()
                 values[step] = self.critic(critic_inputs[step]).float()[:, 0]
@@ -181,6 +183,8 @@ class FinetuneTrainer(Stage):
         with fast_arithmetic():
             values[steps] = self.critic(self._critic_input()).float()[:, 0]
         advantages, returns = generalised_advantages(rewards, values, ends, config.ppo)
+        # On the floor the teacher's labels alone teach: there exploration harms more than it finds.
+        advantages *= upright.flatten()
         rollout = Rollout(
             inputs.flatten(0, 1),
             critic_inputs.flatten(0, 1),

@@ -12,6 +12,7 @@ from motion_data.window import WINDOW_FRAMES, window_features
 
 _CHUNK = 1024
 _LOOP_SECONDS = 5.0
+_IN_PLACE = 0.6  # metres that the root of a clip may move without travelling
 _LEAD = 0.05  # seconds: PD control lags behind its target by about this much
 
 
@@ -35,6 +36,8 @@ class ReferenceMotions:
         period: Frames after which a held motion window starts again: whole cycles of a loop, else the window, ``(F,)``.
         seamless: Whether the window can start again without a jump (loops), ``(F,)`` bool.
         upright: Frames in which the humanoid is on its feet, ``(F,)`` bool.
+        holdable: Frames of clips whose windows can be the intent for long: on the feet, and in place or a loop. What comes
+            after a window of any other clip cannot be known from it, ``(F,)`` bool.
         reflected: Frames of mirror images, and of clips whose twin (left and right exchanged in the name) comes first in
             the alphabet: they are to be performed as its mirror image, ``(F,)`` bool.
 
@@ -68,6 +71,9 @@ class ReferenceMotions:
         self.table = np.concatenate([self.observations, self.feedforward], 1)
         self.reflected = np.repeat([self._is_reflected(name) for name in self.names], self.lengths)
         self.upright = (self.qpos[:, 2] > 0.5) & (head > 0.9)
+        on_feet = np.logical_and.reduceat(self.upright, self.starts)
+        travel = [np.ptp(clip.qpos[:, :2], axis=0).max() for clip in clips]
+        self.holdable = np.repeat(on_feet & (np.array(looping) | (np.array(travel) < _IN_PLACE)), self.lengths)
 
     def __len__(self) -> int:
         """Number of frames."""

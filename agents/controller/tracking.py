@@ -14,6 +14,8 @@ from agents.controller.inertialization import Inertialization
 from agents.controller.reference import ReferenceMotions
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN, OBSERVATION_LAYOUT, OBSERVATION_SIZE
 from anyskill_envs.simulation import HumanoidSimulation
+from motion_data.inverse_kinematics import floor_reach
+from motion_data.metrics import CONTACT_HEIGHT
 from motion_data.skeleton import BODY_NAMES, MIRROR_JOINT_SIGNS, MIRROR_JOINTS
 
 _POSE_SIZE = OBSERVATION_LAYOUT["body_linear_velocities"].start
@@ -23,8 +25,7 @@ _POSITIONS = OBSERVATION_LAYOUT["body_positions"]
 _LINEAR = OBSERVATION_LAYOUT["body_linear_velocities"]
 _SYNCHRONISE_FRAMES = 20  # how far the reference is moved at most, either way
 _SYNCHRONISE_VELOCITY = 0.1  # seconds: what a difference of velocity counts beside one of place
-_PLANTED_SPEED = 0.15  # m/s of the ankle
-_PLANTED_HEIGHT = 0.12  # metres of the ankle
+_SOLES = np.stack([floor_reach(side) for side in ("right", "left")]).astype(np.float32)  # corners, (2, 4, 3) metres
 TRACKING_SIZE = 2 * OBSERVATION_SIZE + _POSE_SIZE + 28
 """Numbers the tracking policy sees, the humanoid's own observation included."""
 _MIRRORED = np.concatenate(
@@ -49,7 +50,8 @@ class TrackingConfig:
     episode_steps: int = 150
     """Longest episode, controller steps."""
     mean_holds: tuple[int, ...] = (5, 15, 30, 90)
-    """How long a motion window stays the intent: each episode draws one mean (steps), each hold U{1, 2 mean}."""
+    """How long a motion window stays the intent: each episode draws one mean (steps), each hold U{1, 2 mean}. Episodes of
+    clips that cannot be held (:class:`agents.controller.reference.ReferenceMotions`) take the shortest."""
     unsettled: float = 0.3
     """Share of the episodes that are unsettled: with switches between motions, and with pushes."""
     switch_holds: tuple[int, ...] = (5, 5, 20)
@@ -150,6 +152,7 @@ class Tracking:
         self.renewed[ids] = True
         self._held[ids] = 0
         holds = self._rng.choice(self.config.mean_holds, count), self._rng.choice(self.config.switch_holds, count)
+        holds[0][~motions.holdable[frames]] = min(self.config.mean_holds)
         self._mean_hold[ids] = np.where(unsettled, holds[1], holds[0])
         self._switch[ids] = unsettled * self._rng.choice(self.config.switch_probabilities, count)
         self._hold_left[ids] = self._rng.integers(1, 2 * self._mean_hold[ids] + 1)
@@ -332,7 +335,7 @@ def tracking_reward(observation: np.ndarray, expected: np.ndarray) -> np.ndarray
 
     DeepMimic's form (Peng et al. 2018, eq. 6-9: a weighted sum of exponentials of squared errors), in the heading frame:
     body positions 0.25, rotations 0.2, head, hands and feet 0.1, body velocities 0.15, root velocity and turning 0.1;
-    and 0.2 for feet that stay where the reference plants them.
+    and 0.2 for soles that slide on the floor no more than the reference's, half of it for creeping, half for sliding.
     """
     n = len(observation)
     difference = observation - expected
@@ -343,29 +346,37 @@ def tracking_reward(observation: np.ndarray, expected: np.ndarray) -> np.ndarray
     velocities = difference[:, OBSERVATION_LAYOUT["body_linear_velocities"]].reshape(n, -1, 3)
     turning = difference[:, OBSERVATION_LAYOUT["body_angular_velocities"].start + 2]
     root = (velocities[:, 0] ** 2).sum(-1) + 0.1 * turning**2
+    slide = np.maximum(_slide(observation) - _slide(expected), 0)
     return (
         0.25 * np.exp(-30 * squared.mean(-1))
         + 0.2 * np.exp(-4 * rotations)
         + 0.1 * np.exp(-20 * squared[:, _EXTREMITIES].mean(-1))
         + 0.15 * np.exp(-0.5 * (velocities**2).sum(-1).mean(-1))
         + 0.1 * np.exp(-2 * root)
-        + 0.2 * np.exp(-200 * _slide(observation, expected))
+        + 0.1 * np.exp(-200 * slide)
+        + 0.1 * np.exp(-20 * slide)
     )
 
 
-def _slide(observation: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Mean squared speed of the feet against the reference, of those alone that it plants, (m/s)^2 ``(n,)``.
+def _slide(observation: np.ndarray) -> np.ndarray:
+    """Mean squared speed along the floor of the soles' corners, as far as they touch it, (m/s)^2 ``(n,)``.
 
-    The speed is that of the ankle along the floor; turning counts as the speed of a point 0.1 m from the axis.
+    The contact of a corner is that of :func:`motion_data.metrics.foot_skate`: 1 on the floor, 0 from 25 mm on.
     """
     n = len(observation)
-
-    def speeds(numbers: np.ndarray) -> np.ndarray:
-        linear = numbers[:, OBSERVATION_LAYOUT["body_linear_velocities"]].reshape(n, -1, 3)[:, _FEET, :2]
-        angular = numbers[:, OBSERVATION_LAYOUT["body_angular_velocities"]].reshape(n, -1, 3)[:, _FEET]
-        return (linear**2).sum(-1) + 0.01 * (angular**2).sum(-1)
-
-    positions = expected[:, OBSERVATION_LAYOUT["body_positions"]].reshape(n, -1, 3)
-    height = expected[:, :1] + positions[:, [foot - 1 for foot in _FEET], 2]
-    planted = (speeds(expected) < _PLANTED_SPEED**2) & (height < _PLANTED_HEIGHT)
-    return (speeds(observation - expected) * planted).mean(-1)
+    linear, angular = (
+        observation[:, OBSERVATION_LAYOUT[name]].reshape(n, -1, 1, 3)[:, _FEET]
+        for name in ("body_linear_velocities", "body_angular_velocities")
+    )
+    rotations = observation[:, OBSERVATION_LAYOUT["body_rotations"]].reshape(n, -1, 2, 3)[:, _FEET]
+    first, third = rotations[:, :, 0], rotations[:, :, 1]
+    # Corners (2, 4, 3) in the foot's frame, whose axes are the columns of its rotation matrix.
+    axes = np.stack([first, np.cross(third, first), third], 2)
+    corners = np.einsum("fca,nfad->nfcd", _SOLES, axes)
+    place = observation[:, OBSERVATION_LAYOUT["body_positions"]].reshape(n, -1, 3)
+    ankle = observation[:, :1] + place[:, [foot - 1 for foot in _FEET], 2]
+    contact = 2 - 2 ** np.clip((ankle[:, :, None] + corners[..., 2]) / CONTACT_HEIGHT, 0, 1)
+    # Horizontal part of v + w x r, without the general cross product, which is slow.
+    along = linear[..., 0] + angular[..., 1] * corners[..., 2] - angular[..., 2] * corners[..., 1]
+    across = linear[..., 1] + angular[..., 2] * corners[..., 0] - angular[..., 0] * corners[..., 2]
+    return (contact * (along**2 + across**2)).mean((1, 2))
