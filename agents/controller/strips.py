@@ -80,7 +80,7 @@ def write_pages(strips: Sequence[Path], folder: str | Path, width: int = 640) ->
     if not strips:
         raise ValueError("No strips to put on pages. Draw at least one first.")
     Path(folder).mkdir(parents=True, exist_ok=True)
-    pages = []
+    pages: list[Path] = []
     for begin in range(0, len(strips), _PAGE_STRIPS):
         names = strips[begin : begin + _PAGE_STRIPS]
         pictures = [Image.open(path) for path in names]

@@ -15,7 +15,7 @@ from agents.encoder.concepts import Concept
 from agents.encoder.measurements import WINDOW, Array, Measurements
 from agents.encoder.relations import ObjectTrack, relation_truth
 from agents.encoder.rollouts import Tracks, controller_tracks, simulated_tracks
-from agents.encoder.scenes import ObjectLayout, favoured_clips, training_placements
+from agents.encoder.scenes import ObjectLayout, favoured_clips, scenes_around, training_placements
 from anyskill_envs.controller import CONTROLLER_FILE, LowLevelController
 from anyskill_envs.objects.scene import Scene
 from anyskill_envs.objects.state import object_states, object_vectors
@@ -135,6 +135,14 @@ class MotionSource:
         if len(piece) < self.frames:
             piece = np.concatenate([piece, np.repeat(piece[-1:], self.frames - len(piece), 0)])
         return piece, name
+
+    def low(self) -> NDArray[np.float64]:
+        """A piece of a clip in which the pelvis is as low as on a seat, if ten draws find one."""
+        for _ in range(10):
+            piece, _ = self.clip()
+            if ((piece[:, 2] > 0.45) & (piece[:, 2] < 0.64)).mean() > 0.2:
+                break
+        return self._noisy(piece)
 
     def mixture(self) -> NDArray[np.float64]:
         """The arms and trunk of one clip on the legs and root of another."""
@@ -332,3 +340,9 @@ def generate(
                 share = max(2, tracks // (2 * len(layout.scenes)))
                 moved = controller_tracks(rng, share, 120, frozen, (), scene, places, favoured_clips(item))
                 yield cut(moved, "scenes", item=item)
+            for _ in range(3 if item == "chair" else 2):
+                count = max(2, tracks // 8)
+                posed = [source.clip()[0] for _ in range(count)] + [source.random_limbs() for _ in range(count)]
+                if item == "chair":
+                    posed += [source.low() for _ in range(count)]
+                yield cut(scenes_around(rng, posed, item, scene), "scenes", item=item)

@@ -1,11 +1,13 @@
 """How far a humanoid is in a relation to an object: the rules behind captions such as "a person kicks the ball".
 
-The relations are those of `anyskill_envs.objects.base.RELATIONS`. Each rule grades from 0 to 1 by the positions of the
-bodies and the surfaces of the object over half a second.
+The relations are those of `anyskill_envs.objects.base.RELATIONS` and "approaching", whose captions are written here. Each
+rule grades from 0 to 1 by the positions of the bodies and the surfaces of the object over half a second. Rules about a touch
+give a little for every step towards the object too: a policy that climbs "kick the ball" must first get there.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import cached_property
 
@@ -98,10 +100,37 @@ class ObjectTrack:
         ]
         return ramp(np.min(gaps, axis=0), near_by + 0.25, near_by)
 
+    @cached_property
+    def nearing(self) -> Array:
+        """How fast the pelvis comes nearer to the object's origin, m/s, `(n,)`."""
+        humanoid, item = self._positions[:, :, 1], self._positions[:, :, self._root]
+        gaps = np.linalg.norm((humanoid - item)[:, (-1 - 2 * _STEP, -1), :2], axis=-1)
+        closing: Array = (gaps[:, 0] - gaps[:, 1]) * (FRAME_RATE / (2 * _STEP))
+        return closing
+
+    @cached_property
+    def aligned(self) -> Array:
+        """Cosine of the directions that humanoid and object look in: 1 for who sits on a chair, `(n,)`."""
+        return self.state.rotation[:, 0].astype(np.float64)
+
 
 def _closeness(o: ObjectTrack) -> Array:
-    """Rises all the way to 0.6 m, so that it can be climbed: "walk to the ball" is a caption of being before it."""
+    """Rises all the way to 0.6 m, so that it can be climbed."""
     return ramp(o.distance, 2.6, 0.6)
+
+
+def _approaching(m: Measurements, o: ObjectTrack) -> Array:
+    """Grows with every step towards the object, more while the step is being made, and is full where it is reached."""
+    near_by = ramp(o.distance, 3.0, 0.65)
+    arrived = ramp(o.distance, 1.1, 0.65)
+    moving = ramp(o.nearing, 0.1, 0.7)
+    ahead = 0.75 + 0.25 * ramp(np.abs(o.bearing), 1.6, 0.6)
+    return (0.65 * near_by**1.5 + 0.35 * np.maximum(moving, arrived)) * ahead * m.on_feet
+
+
+def _on_the_way(m: Measurements, o: ObjectTrack) -> Array:
+    """What rules about a touch give to one who has not touched yet, up to 0.3."""
+    return 0.3 * _approaching(m, o)
 
 
 def _in_front_of(m: Measurements, o: ObjectTrack) -> Array:
@@ -113,7 +142,9 @@ def _in_front_of(m: Measurements, o: ObjectTrack) -> Array:
 
 
 def _beside(m: Measurements, o: ObjectTrack) -> Array:
-    return near(np.abs(o.bearing), np.pi / 2, 1.0) * ramp(o.distance, 1.8, 0.8) * m.on_feet
+    """Next to it on any side, best with it at the left or right."""
+    aside = 0.6 + 0.4 * near(np.abs(o.bearing), np.pi / 2, 1.0)
+    return aside * ramp(o.distance, 2.4, 0.8) ** 1.5 * m.on_feet
 
 
 def _facing(m: Measurements, o: ObjectTrack) -> Array:
@@ -125,7 +156,8 @@ def _facing(m: Measurements, o: ObjectTrack) -> Array:
 
 def _touching(m: Measurements, o: ObjectTrack) -> Array:
     # An ankle is 0.1 m from the sole and 0.2 m from the toes; a hand's origin is 0.05 m from its surface.
-    return o.contact(m, _FEET, 0.16) if o.kind == "ball" else o.contact(m, _HANDS, 0.08)
+    touched = o.contact(m, _FEET, 0.16) if o.kind == "ball" else o.contact(m, _HANDS, 0.08)
+    return np.maximum(touched, _on_the_way(m, o))
 
 
 def _limb_speed(m: Measurements, bodies: tuple[str, ...]) -> Array:
@@ -137,11 +169,12 @@ def _kicking(m: Measurements, o: ObjectTrack) -> Array:
     moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(o.speed, 0.3, 1.5))
     raised = ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
     swing = moves if o.kind == "ball" else partly(moves, raised)
-    return o.contact(m, _FEET, 0.2) * (0.25 + 0.75 * swing) * m.on_feet
+    return np.maximum(o.contact(m, _FEET, 0.2) * (0.35 + 0.65 * swing) * m.on_feet, _on_the_way(m, o))
 
 
 def _striking(m: Measurements, o: ObjectTrack) -> Array:
-    return o.contact(m, _HANDS, 0.1) * (0.25 + 0.75 * ramp(_limb_speed(m, _HANDS), 0.4, 2.0)) * m.on_feet
+    struck = o.contact(m, _HANDS, 0.1) * (0.35 + 0.65 * ramp(_limb_speed(m, _HANDS), 0.4, 2.0)) * m.on_feet
+    return np.maximum(struck, _on_the_way(m, o))
 
 
 def _leaning_on(m: Measurements, o: ObjectTrack) -> Array:
@@ -157,18 +190,26 @@ def _pushing_open(m: Measurements, o: ObjectTrack) -> Array:
     angle = o.state.angle[:, 0].astype(np.float64)
     opening = ramp(o.state.angle_velocity[:, 0].astype(np.float64), 0.05, 0.8)
     touched = o.contact(m, (*_HANDS, *_FEET, "torso"), 0.15)
-    return ramp(angle, 0.03, 0.8) * (0.3 + 0.4 * touched + 0.3 * opening) * m.on_feet
+    opened = ramp(angle, 0.03, 0.8) * (0.3 + 0.4 * touched + 0.3 * opening) * m.on_feet
+    return np.maximum(opened, (0.2 + 0.15 * touched) * _approaching(m, o))
 
 
 def _sitting_on(m: Measurements, o: ObjectTrack) -> Array:
+    """First the way to the chair, then the back to it, then above its seat, then down."""
     # The origin of the object is the middle of its seat; a seated pelvis is some 0.1 m above it.
-    over = ramp(o.distance, 0.5, 0.15)
+    over = ramp(o.distance, 0.55, 0.15)
     low = ramp(-o.state.position[:, 2].astype(np.float64), 0.45, 0.18)
     knees = partly(*(ramp(m.knee(side), 0.2, 1.2) for side in SIDES))
-    return partly(over, low) * over**0.5 * (0.5 + 0.5 * knees) * m.on_feet
+    seated = partly(over, low) * over**0.5 * (0.5 + 0.5 * knees)
+    turned = ramp(o.aligned, -0.2, 0.8)
+    ready = _closeness(o) * (0.12 + 0.1 * turned + 0.13 * turned * over)
+    # Sitting down begins before the seat: bent knees close to it count.
+    lowering = 0.2 * turned * ramp(o.distance, 0.75, 0.4) * low
+    return np.maximum(seated, ready + lowering) * m.on_feet
 
 
 _RULES: dict[str, Callable[[Measurements, ObjectTrack], Array]] = {
+    "approaching": _approaching,
     "in front of": _in_front_of,
     "beside": _beside,
     "facing": _facing,
@@ -186,13 +227,49 @@ def _nowhere(m: Measurements) -> Array:
     return np.zeros(len(m))
 
 
+_WAYS_TO_APPROACH = (
+    "walk to the {0}",
+    "go to the {0}",
+    "approach the {0}",
+    "walk towards the {0}",
+    "walk up to the {0}",
+    "move towards the {0}",
+    "get close to the {0}",
+    "come nearer to the {0}",
+    "walk over to the {0}",
+    "head for the {0}",
+    "step up to the {0}",
+    "reach the {0}",
+    "arrive at the {0}",
+    "run to the {0}",
+    "a person walks to the {0}",
+    "a person walks towards the {0}",
+    "a person approaches the {0}",
+    "the figure has arrived at the {0}",
+    "someone makes their way to the {0}",
+    "somebody comes up to the {0}",
+    "the humanoid moves closer to the {0}",
+    "on the way to the {0}",
+    "go near the {0}",
+    "go and stand by the {0}",
+)
+_OTHER_NOUNS = {"ball": ("football",), "chair": ("seat",), "pillar": ("column", "post")}
+# Captions of "in front of" that tell of the way there belong to "approaching".
+_OF_THE_WAY = re.compile(r"^(walk|go|run|approach|get|move)\b")
+
+
 def relation_concepts(items: list[SceneObject]) -> list[Concept]:
-    """One concept for each relation of each object that has captions, named "ball:kicking"."""
-    return [
-        Concept(f"{item.name}:{relation}", "object", tuple(dict.fromkeys(captions)), _nowhere)
-        for item in items
-        for relation, captions in item.captions.items()
-    ]
+    """One concept for each relation of each object that has captions, named "ball:kicking", and "ball:approaching"."""
+    concepts = []
+    for item in items:
+        nouns = (item.name, *_OTHER_NOUNS.get(item.name, ()))
+        # The first wordings of all ways name the object as its captions do.
+        ways = [way.format(noun) for noun in nouns for way in _WAYS_TO_APPROACH]
+        concepts.append(Concept(f"{item.name}:approaching", "object", tuple(ways), _nowhere))
+        for relation, captions in item.captions.items():
+            kept = [text for text in captions if relation != "in front of" or not _OF_THE_WAY.match(text)]
+            concepts.append(Concept(f"{item.name}:{relation}", "object", tuple(dict.fromkeys(kept)), _nowhere))
+    return concepts
 
 
 def relation_truth(name: str, m: Measurements, tracks: dict[str, ObjectTrack]) -> Array | None:

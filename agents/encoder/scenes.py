@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from anyskill_envs.objects import Placement
 from anyskill_envs.objects.scene import Scene
+from motion_data.skeleton import differentiate
 from rewards.object_state import BLOCKS
 
 # Latents of these clips bring about what captions speak of; half of all latents are drawn from them.
@@ -22,6 +23,8 @@ _WITH_SIDES = ("door",)
 """Objects whose mirror image is another object: the hinge of the door is on the left."""
 _REACH = 0.45
 """Metres from the pelvis at which a step or an arm reaches an object."""
+_SEATED = (0.45, 0.64)
+"""Heights of a pelvis, in metres, under which the seat of the chair may stand."""
 _VECTORS = np.tile([1.0, -1.0, 1.0], 4)
 _MIRRORED_BLOCKS = np.concatenate([_VECTORS, [-1.0, 1.0, -1.0]]).astype(np.float32)
 """Sign of each of the 15 numbers of a free object in the mirror: y of vectors, x and z of the angular velocity."""
@@ -100,3 +103,44 @@ def training_placements(scene: Scene) -> list[dict[str, Placement]]:
         {name: place.changed({"distance": (first[name], first[name] + 0.25)}) for name, place in own.items()},
         {name: place.changed({"distance": (max(first[name], 0.6), 3.0), **around}) for name, place in own.items()},
     ]
+
+
+def scenes_around(
+    rng: np.random.Generator, motions: Sequence[NDArray[np.float64]], name: str, scene: Scene
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Motions with an object that rests somewhere beside them: what is said of it must not depend on the pose.
+
+    The controller seldom stands in a T-pose, and never walks to an object on purpose; here any pose is near and far,
+    and gaits go to the object, past it and away. Chairs stand under some bodies that sit.
+
+    Args:
+        rng: draws places.
+        motions: motions of one length, each `(frames, 35)`.
+        name: the object.
+        scene: its scene.
+
+    Returns:
+        Poses `(frames, n, pose_size)` and velocities `(frames, n, nv)`.
+    """
+    own = scene.placements(None)
+    around = {"bearing": (-np.pi, np.pi), "yaw": (-np.pi, np.pi)}
+    ahead = {"bearing": (-0.7, 0.7), "yaw": (-0.5, 0.5)}
+    least = own[name].distance[0] if name != "chair" else _REACH
+    poses, velocities = [], []
+    for motion in motions:
+        frame = int(rng.integers(len(motion)))
+        near_by = {"distance": (min(least, 0.6), 1.2), **(ahead if rng.random() < 0.5 else around)}
+        far = {"distance": (1.0, 3.6), **(ahead if rng.random() < 0.6 else around)}
+        change = near_by if rng.random() < 0.4 else far
+        seated = np.flatnonzero((motion[:, 2] > _SEATED[0]) & (motion[:, 2] < _SEATED[1]))
+        if name == "chair" and len(seated) and rng.random() < 0.7:
+            frame = int(rng.choice(seated))
+            change = {"distance": (0.0, 0.2), "bearing": (2.7, 3.6), "yaw": (-0.2, 0.2)}
+        place = {name: own[name].changed(change)}
+        placed, _ = scene.place(motion[frame : frame + 1, :35], np.zeros((1, 34)), place, 0.0, rng)
+        track = np.repeat(placed, len(motion), 0)
+        track[:, :35] = motion
+        poses.append(track)
+        velocities.append(np.zeros((len(motion), scene.model.nv)))
+        velocities[-1][:, :34] = differentiate(motion)
+    return np.stack(poses, 1), np.stack(velocities, 1)
