@@ -104,6 +104,8 @@ class FinetuneTrainer(Stage):
         if self.checkpoint:
             self.averaged.load_state_dict(self.checkpoint["averaged"])
         self.tracking = Tracking(motions, config.num_humanoids, self.rng, config.tracking, config.threads)
+        if self.checkpoint:
+            self.tracking.restore_failures(self.checkpoint.get("failures", {}))
         self._latent = torch.zeros(config.num_humanoids, LATENT_SIZE)
 
     def state(self) -> dict[str, Any]:
@@ -114,6 +116,7 @@ class FinetuneTrainer(Stage):
             "critic": self.critic.state_dict(),
             "critic_normalizer": self.critic_normalizer.state_dict(),
             **self.ppo.state(),
+            "failures": self.tracking.failures_by_name(),
         }
 
     def train(self) -> Student:

@@ -107,6 +107,8 @@ class TeacherTrainer(Stage):
         if self.checkpoint and "averaged" in self.checkpoint:
             self._averaged.load_state_dict(self.checkpoint["averaged"])
         self.tracking = Tracking(motions, config.num_humanoids, self.rng, config.tracking, config.threads)
+        if self.checkpoint:
+            self.tracking.restore_failures(self.checkpoint.get("failures", {}))
 
     @property
     def averaged(self) -> Teacher:
@@ -122,6 +124,7 @@ class TeacherTrainer(Stage):
             "model": self.teacher.state_dict(),
             "averaged": self._averaged.state_dict(),
             **self.ppo.state(),
+            "failures": self.tracking.failures_by_name(),
         }
 
     def train(self) -> Teacher:

@@ -65,6 +65,8 @@ class TrackingConfig:
     stops half-way is then shown how to go on from there. None for never."""
     emphasis: float = 2.0
     """Power of a clip's failure rate in the time it is practised: 0 treats all clips alike."""
+    least_practice: float = 0.02
+    """What is added to that power, so that a clip that never fails is not forgotten."""
     joint_noise: float = 0.02
     """Standard deviation of the initial joint angles, radians."""
     velocity_noise: float = 0.1
@@ -299,6 +301,16 @@ class Tracking:
         self.simulation.push("torso", self._force)
         self._push_left = np.maximum(self._push_left - 1, 0)
 
+    def failures_by_name(self) -> dict[str, float]:
+        """How often episodes of each clip failed lately: what a checkpoint needs to go on practising the same clips."""
+        return dict(zip(self.motions.names, self.failure_rate.tolist(), strict=True))
+
+    def restore_failures(self, by_name: dict[str, float]) -> None:
+        """Takes up what :meth:`failures_by_name` returned; the clips may be others now."""
+        known = [by_name.get(name) for name in self.motions.names]
+        self.failure_rate = np.array([0.5 if rate is None else rate for rate in known])
+        self._choose_probabilities()
+
     def _update_probabilities(self, ended: np.ndarray, failed: np.ndarray) -> None:
         """Clips that fail more often are practised for more of the time.
 
@@ -315,7 +327,10 @@ class Tracking:
             self.failure_rate[clip] = keep * self.failure_rate[clip] + (1 - keep) * mine.mean()
         running = np.bincount(of_humanoid[settled], minlength=len(self.exposure)) / max(1, settled.sum())
         self.exposure += rate * (running - self.exposure)
-        wanted = 0.05 + self.failure_rate**self.config.emphasis
+        self._choose_probabilities()
+
+    def _choose_probabilities(self) -> None:
+        wanted = self.config.least_practice + self.failure_rate**self.config.emphasis
         wanted /= wanted.sum()
         weight = wanted * np.clip(wanted / np.maximum(self.exposure, 1e-6), 0.05, 20)
         self.clip_probabilities = weight / weight.sum()
