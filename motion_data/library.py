@@ -14,6 +14,7 @@ from motion_data.clip import MotionClip, swap_sides
 from motion_data.deepmimic import pybullet_clips
 from motion_data.floor import floor_clips
 from motion_data.gait_table import gait_clips
+from motion_data.joining import joined_clips
 from motion_data.skeleton import kinematics
 
 _LOG = logging.getLogger(__name__)
@@ -102,7 +103,7 @@ class MotionLibrary:
 
     @classmethod
     def default(cls, mirrored: bool = True, imported: str | Path | None = None) -> "MotionLibrary":
-        """The project's library: mocap of the ``pybullet`` package, what is authored or planned, mirror images, imports.
+        """The project's library: mocap of ``pybullet``, what is authored, planned or joined, mirror images, imports.
 
         Args:
             mirrored: Add the mirror image of every clip that has no mirror image in the library yet.
@@ -114,6 +115,7 @@ class MotionLibrary:
             _LOG.warning("The library has no mocap clips: %s", error)
             clips = []
         clips += authored_clips() + gait_clips() + floor_clips()
+        clips += joined_clips(clips)
         folder = imports_folder() if imported is None else Path(imported)
         clips += [MotionClip.load(path) for path in sorted(folder.glob("*.npz"))]
         if mirrored:
