@@ -92,7 +92,10 @@ def _groups(motions: ReferenceMotions) -> dict[str, list[str]]:
     overall: dict[str, list[str]] = {"all_but_acrobatic": [], "in_place": [], "locomotion": []}
     for clip in motions.clips:
         base = base_name(clip.name)
-        if clip.source.startswith("authored"):
+        made = clip.source.split()[0]
+        if made in ("planned", "joined"):
+            kind = made
+        elif made == "authored":
             kind = "authored_in_place" if "act_in_place" in clip.categories else "authored_moving"
         elif base in ACROBATIC:
             kind = "real_acrobatic"

@@ -36,8 +36,8 @@ class ReferenceMotions:
         period: Frames after which a held motion window starts again: whole cycles of a loop, else the window, ``(F,)``.
         seamless: Whether the window can start again without a jump (loops), ``(F,)`` bool.
         upright: Frames in which the humanoid is on its feet, ``(F,)`` bool.
-        holdable: Frames of clips whose windows can be the intent for long: on the feet, and in place or a loop. What comes
-            after a window of any other clip cannot be known from it, ``(F,)`` bool.
+        holdable: Frames of clips whose windows can be the intent for long: on the feet, and a loop that a window holds
+            whole, or in place. What comes after a window of any other clip cannot be known from it, ``(F,)`` bool.
         reflected: Frames of mirror images, and of clips whose twin (left and right exchanged in the name) comes first in
             the alphabet: they are to be performed as its mirror image, ``(F,)`` bool.
 
@@ -72,8 +72,9 @@ class ReferenceMotions:
         self.reflected = np.repeat([self._is_reflected(name) for name in self.names], self.lengths)
         self.upright = (self.qpos[:, 2] > 0.5) & (head > 0.9)
         on_feet = np.logical_and.reduceat(self.upright, self.starts)
-        travel = [np.ptp(clip.qpos[:, :2], axis=0).max() for clip in clips]
-        self.holdable = np.repeat(on_feet & (np.array(looping) | (np.array(travel) < _IN_PLACE)), self.lengths)
+        travel = np.array([np.ptp(clip.qpos[:, :2], axis=0).max() for clip in clips])
+        goes_on = np.where(looping, np.array(cycles) < WINDOW_FRAMES, travel < _IN_PLACE)
+        self.holdable = np.repeat(on_feet & goes_on, self.lengths)
 
     def __len__(self) -> int:
         """Number of frames."""
