@@ -2,12 +2,14 @@
 
 import logging
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from motion_data.authored import authored_clips
 from motion_data.clip import MotionClip
+from motion_data.joining import join
 from motion_data.library import MotionLibrary, _mocap_clips
 from motion_data.retrieval import DEFAULT_SELECTION, select_clips
 from motion_data.skeleton import joint_limits, kinematics, rest_qpos
@@ -87,3 +89,16 @@ def test_retrieval_walks_and_runs_and_neither_crawls_nor_turns_cartwheels(librar
     names = {clip.name for clip in select_clips(library, DEFAULT_SELECTION)}
     assert {"walk", "run", "jog", "walk_backward", "sidestep_left", "walk_in_a_curve_right", "stop_walking"} <= names
     assert not {"cartwheel", "cartwheel_mirrored", "roll", "crawl", "turn_on_the_spot_left"} & names
+
+
+def test_a_joined_clip_goes_on_where_the_first_ends() -> None:
+    clips = {clip.name: clip for clip in authored_clips()}
+    turn, bow = clips["turn_left"], clips["bow"]
+    joined = join(turn, bow, "turn_and_bow", ["turn and bow"], blend=10)
+    assert len(joined) == len(turn) + 10 + len(bow) and joined.licence == "MIT"
+    np.testing.assert_allclose(joined.qpos[: len(turn)], turn.qpos)
+    # Neither a jump in place nor in direction: the bow begins facing where the turn ended.
+    steps = np.abs(np.diff(joined.qpos[len(turn) - 1 : len(turn) + 11], axis=0))
+    assert steps.max() < 0.05
+    with pytest.raises(ValueError, match="frames per second"):
+        join(turn, replace(bow, fps=60), "mixed", [])

@@ -12,6 +12,7 @@ from motion_data.window import WINDOW_FRAMES, window_features
 
 _CHUNK = 1024
 _LOOP_SECONDS = 5.0
+_STILL = 0.25  # metres that it may move where a window shows only a part of a loop
 _IN_PLACE = 0.6  # metres that the root of a clip may move without travelling
 _LEAD = 0.05  # seconds: PD control lags behind its target by about this much
 
@@ -36,8 +37,8 @@ class ReferenceMotions:
         period: Frames after which a held motion window starts again: whole cycles of a loop, else the window, ``(F,)``.
         seamless: Whether the window can start again without a jump (loops), ``(F,)`` bool.
         upright: Frames in which the humanoid is on its feet, ``(F,)`` bool.
-        holdable: Frames of clips whose windows can be the intent for long: on the feet, and a loop that a window holds
-            whole, or in place. What comes after a window of any other clip cannot be known from it, ``(F,)`` bool.
+        holdable: Frames of clips whose windows can be the intent for long: on the feet, and in place or a loop that a
+            window shows whole. What comes after a window of any other clip cannot be known from it, ``(F,)`` bool.
         reflected: Frames of mirror images, and of clips whose twin (left and right exchanged in the name) comes first in
             the alphabet: they are to be performed as its mirror image, ``(F,)`` bool.
 
@@ -73,8 +74,8 @@ class ReferenceMotions:
         self.upright = (self.qpos[:, 2] > 0.5) & (head > 0.9)
         on_feet = np.logical_and.reduceat(self.upright, self.starts)
         travel = np.array([np.ptp(clip.qpos[:, :2], axis=0).max() for clip in clips])
-        goes_on = np.where(looping, np.array(cycles) < WINDOW_FRAMES, travel < _IN_PLACE)
-        self.holdable = np.repeat(on_feet & goes_on, self.lengths)
+        known = np.where(looping, (np.array(cycles) < WINDOW_FRAMES) | (travel < _STILL), travel < _IN_PLACE)
+        self.holdable = np.repeat(on_feet & known, self.lengths)
 
     def __len__(self) -> int:
         """Number of frames."""
