@@ -225,15 +225,26 @@ class CaptionSet:
         Returns:
             `(n, c)`; several concepts count half their mean and half their worst.
         """
-        width = max(len(caption.concepts) for caption in captions)
-        # Filled up with the last concept, which changes no minimum.
-        index = np.array(
-            [caption.concepts + caption.concepts[-1:] * (width - len(caption.concepts)) for caption in captions]
-        )
-        counted = np.arange(width) < np.array([[len(caption.concepts)] for caption in captions])
-        graded = truths[:, index]
-        mean = (graded * counted).sum(2) / counted.sum(1)
-        return (0.5 * mean + 0.5 * graded.min(2)).astype(np.float32)
+        return joint_truth([caption.concepts for caption in captions], truths)
+
+
+def joint_truth(demands: Sequence[tuple[int, ...]], truths: NDArray[np.floating]) -> NDArray[np.float32]:
+    """How far several demands are met together: half their mean, half the worst, so that each one met counts a little.
+
+    Args:
+        demands: for each of c captions, indices of what must be true together.
+        truths: how far each of these is true of n motions, `(n, k)`.
+
+    Returns:
+        `(n, c)`.
+    """
+    width = max(len(demand) for demand in demands)
+    # Filled up with the last demand, which changes no minimum.
+    index = np.array([demand + demand[-1:] * (width - len(demand)) for demand in demands])
+    counted = np.arange(width) < np.array([[len(demand)] for demand in demands])
+    graded = truths[:, index]
+    mean = (graded * counted).sum(2) / counted.sum(1)
+    return (0.5 * mean + 0.5 * graded.min(2)).astype(np.float32)
 
 
 def mirrored_caption(caption: Caption, concepts: Sequence[Concept]) -> Caption:
@@ -245,7 +256,9 @@ def mirrored_caption(caption: Caption, concepts: Sequence[Concept]) -> Caption:
         other = {"left": "right", "right": "left"}.get(side)
         return names.index(f"{base}.{other}") if other else index
 
-    return Caption(swap_sides(caption.text), tuple(partner(index) for index in caption.concepts))
+    # A right angle has no side.
+    text = swap_sides(caption.text).replace("left angle", "right angle")
+    return Caption(text, tuple(partner(index) for index in caption.concepts))
 
 
 def write_captions(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from agents.encoder.config import EncoderConfig
 from agents.encoder.evaluation import EncoderReport
+from agents.encoder.export import VERSION
 from agents.encoder.sanity import SanityRow
 
 TEMPLATE = Path(__file__).parent / "model_card_template.md"
@@ -59,6 +60,15 @@ def update_figures(path: Path, report: EncoderReport, encoder: str) -> None:
     path.write_text(before + figures_text(report) + after, encoding="utf-8")
 
 
+_LESSONS = """- **Low-level facts**: some five hundred posecodes (`agents/encoder/posecodes`), after PoseScript (Delmas et al.,
+  ECCV 2022): bends of joints, where limbs point, heights and places of hands, elbows, knees and feet, trunk and head, what
+  touches the floor, simple velocities. {} motions are described by one to four facts that are true of them, rare ones more
+  often, in many registers; each a second time in other words and once with one fact exchanged for another side, direction
+  or limb. Further captions are composed of their phrases in each step. A caption is to find its motion in the batch
+  (cross-entropy), to agree with its paraphrase, and to be nearer to its motion than the wrong one.
+"""
+
+
 def write_card(path: Path, config: EncoderConfig, report: EncoderReport) -> None:
     """Writes the card of a trained encoder.
 
@@ -70,7 +80,7 @@ def write_card(path: Path, config: EncoderConfig, report: EncoderReport) -> None
     text = TEMPLATE.read_text(encoding="utf-8")
     known = ", ".join(config.objects) if config.objects else "none"
     values = {
-        "title": "Evaluator encoder, version 2" if config.evaluator else "Bundled encoder, version 2",
+        "title": f"{'Evaluator' if config.evaluator else 'Bundled'} encoder, version {VERSION}",
         "purpose": (
             "It judges what policies learn (`anyskill ablate`) and is never a reward"
             if config.evaluator
@@ -88,6 +98,7 @@ def write_card(path: Path, config: EncoderConfig, report: EncoderReport) -> None
         "feature_size": str(config.feature_size),
         "image_motions": str(config.image_motions),
         "image_size": str(config.image_size),
+        "lessons": _LESSONS.format(config.lessons) if config.lessons else "",
         "figures": figures_text(report),
     }
     for name, value in values.items():

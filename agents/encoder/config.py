@@ -24,6 +24,8 @@ class EncoderConfig:
     """Objects of the scenes that the encoder learns about; `--objects` alone for none."""
     run: Path = Path("runs/encoder")
     """Folder of the run: data, checkpoints, report."""
+    begin: Path | None = None
+    """Folder of an earlier run with whose state and text towers the training begins; hidden layers may be wider."""
     seed: int = 0
     """Seed of all randomness."""
     rounds: int = 10
@@ -36,15 +38,19 @@ class EncoderConfig:
     """Captions that join two concepts; as many mirrored ones come with them."""
     caption_triples: int = 300
     """Captions about arms, trunk and legs at once; as many mirrored ones come with them."""
+    lessons: int = 3500
+    """Motions that are described by low-level facts, each in three captions; see `agents.encoder.posecodes`."""
+    lesson_batch: int = 56
+    """Of these per step, and as many motions with captions that are composed in the step."""
     feature_size: int = 256
     """Size of the shared space."""
-    hidden: int = 512
+    hidden: int = 768
     """Width of the hidden layers of the state tower."""
     state_batch: int = 384
     """Motions per step of the state and text towers."""
-    caption_batch: int = 256
+    caption_batch: int = 224
     """Captions per step."""
-    steps: int = 6000
+    steps: int = 5000
     """Steps of the state and text towers."""
     learning_rate: float = 1e-3
     """Highest learning rate; it rises for 200 steps and then falls along a cosine."""
@@ -112,5 +118,8 @@ _EVALUATOR: dict[str, Any] = {
     "seed": 7041,
     "feature_size": 192,
     "hidden": 384,
+    "lessons": 0,
+    "caption_batch": 256,
+    "steps": 6000,
     "image_width": 20,
 }

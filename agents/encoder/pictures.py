@@ -128,6 +128,15 @@ def picture_index(motions: MotionSet, count: int, rng: np.random.Generator) -> N
     return np.concatenate([uniform, np.array(chosen, dtype=np.int64)])
 
 
+def mirror_images(films: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Films `(n, frames, size, size, 3)` in the mirror.
+
+    Red and blue are exchanged, too: the right limbs are orange and the left ones blue, of nearly the same numbers in
+    opposite order, so that in the mirror a right arm is orange again. The floor gets another tint.
+    """
+    return np.ascontiguousarray(films[:, :, :, ::-1, ::-1])
+
+
 def train_image_tower(
     films: NDArray[np.uint8],
     features: NDArray[np.float32],
@@ -138,6 +147,7 @@ def train_image_tower(
     learning_rate: float,
     seed: int,
     width: int = 24,
+    mirrored: NDArray[np.float32] | None = None,
 ) -> ImageTower:
     """Trains the image tower towards the features of the state tower.
 
@@ -154,6 +164,8 @@ def train_image_tower(
         learning_rate: highest learning rate.
         seed: seed of weights and order.
         width: channels of the first convolution.
+        mirrored: features of the mirrored states, `(n, d)`, NaN where a film has no mirror image; half of the others are
+            then seen in the mirror, see :func:`mirror_images`.
 
     Returns:
         The trained tower.
@@ -175,15 +187,22 @@ def train_image_tower(
     started = time.monotonic()
     for epoch in range(first, epochs):
         order = np.random.default_rng([seed, epoch]).permutation(len(films))
+        mirror_rng = np.random.default_rng([seed, epoch, 1])
         for place in range(steps_per_epoch):
             chosen = np.sort(order[place * batch : (place + 1) * batch])
             step = epoch * steps_per_epoch + place
             for group in optimiser.param_groups:
                 rate = learning_rate * min(1.0, (step + 1) / 100) * 0.5 * (1.0 + np.cos(np.pi * step / total))
                 group["lr"] = float(rate) + 1e-6
-            wanted = torch.from_numpy(features[chosen])
+            drawn, goal = films[chosen], features[chosen]
+            if mirrored is not None:
+                turned = mirror_rng.random(batch) < 0.5
+                turned &= ~np.isnan(mirrored[chosen, 0])
+                drawn[turned] = mirror_images(drawn[turned])
+                goal[turned] = mirrored[chosen[turned]]
+            wanted = torch.from_numpy(goal)
             with torch.autocast("cpu", dtype=torch.bfloat16):
-                found = tower(torch.from_numpy(films[chosen]))
+                found = tower(torch.from_numpy(drawn))
             cosine = functional.cosine_similarity(found, wanted)
             graded = ((found - wanted) @ texts.T).pow(2).mean()
             optimiser.zero_grad()

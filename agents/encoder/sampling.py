@@ -42,18 +42,28 @@ class MotionSampler:
                 index[place] = fulfilling[self.rng.integers(len(fulfilling))]
         return index
 
+    def turned(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Half of the motions, to be mirrored; none that has no mirror image."""
+        mirrored: NDArray[np.bool_] = self.layout.has_mirror_image(self.motions.objects[index])
+        return mirrored & (self.rng.random(len(index)) < 0.5)
+
     def draw(self, size: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """Observations (size, 223), states of objects (size, m) and truths (size, concepts)."""
         index = self.index(size)
+        return self.take(index, self.turned(index))
+
+    def take(
+        self, index: NDArray[np.int64], turned: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Observations, states of objects and truths of some motions, those turned mirrored, with a little noise."""
         observations = self.motions.observations[index]
         objects = self.motions.objects[index]
         truths = self.motions.truths[index].astype(np.float32)
-        turned = (self.rng.random(size) < 0.5) & self.layout.has_mirror_image(objects)
         observations[turned] = observations[turned][:, MIRROR_INDEX] * MIRROR_SIGN
         objects[turned] *= self.layout.mirror_sign
         truths[turned] = truths[turned][:, self.mirror]
         noise = self.rng.normal(size=observations.shape).astype(np.float32) * self._noise
-        return observations + noise * self.rng.random((size, 1), np.float32), objects, truths
+        return observations + noise * self.rng.random((len(index), 1), np.float32), objects, truths
 
 
 class CaptionSampler:
@@ -70,7 +80,8 @@ class CaptionSampler:
     def draw(self, size: int) -> NDArray[np.int64]:
         """Indices of captions, three quarters about one concept."""
         count = size if not len(self.pairs) else size * 3 // 4
-        concepts = self.rng.permutation(np.arange(count) % len(self.singles))
+        # Whichever the size: with fewer captions than concepts, other ones are left out each time.
+        concepts = self.rng.permutation(len(self.singles))[np.arange(count) % len(self.singles)]
         singles = [self.rng.choice(self.singles[concept]) for concept in concepts if len(self.singles[concept])]
         if not len(self.pairs):
             return np.array(singles, dtype=np.int64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -14,35 +15,20 @@ from torch import Tensor, nn
 from torch.nn import functional
 from tqdm import tqdm
 
-from agents.encoder.captions import CaptionSet
+from agents.encoder.captions import CaptionSet, joint_truth
 from agents.encoder.config import EncoderConfig
-from agents.encoder.dataset import MotionSet
+from agents.encoder.dataset import FILM_FRAMES, MotionSet
 from agents.encoder.material import mirrored_concepts
 from agents.encoder.networks import StateTower, TextHead
+from agents.encoder.posecodes.grading import CodeChooser, grade
+from agents.encoder.posecodes.lessons import write_lessons, write_phrases
 from agents.encoder.sampling import CaptionSampler, MotionSampler
 from agents.encoder.scenes import ObjectLayout
+from agents.encoder.token_states import TokenStore
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
 from motion_data.files import write_whole
-from rewards.minilm import load_minilm
 
-
-def encode_tokens(texts: list[str], cache: Path) -> tuple[NDArray[np.float16], NDArray[np.float16]]:
-    """Token states (k, tokens, 384) and masks (k, tokens) of texts, kept in a file."""
-    if cache.is_file():
-        with np.load(cache, allow_pickle=False) as archive:
-            if archive["texts"].tolist() == texts:
-                return archive["states"], archive["mask"]
-    model = load_minilm()
-    parts = [model.token_states([text]) for text in tqdm(texts, desc="reading captions", unit="text")]
-    length = max(states.shape[1] for states, _ in parts)
-    states = np.zeros((len(texts), length, parts[0][0].shape[-1]), np.float16)
-    mask = np.zeros((len(texts), length), np.float16)
-    for row, (state, _) in enumerate(parts):
-        states[row, : state.shape[1]] = state[0]
-        mask[row, : state.shape[1]] = 1
-    cache.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(cache, texts=np.array(texts), states=states, mask=mask)
-    return states, mask
+log = logging.getLogger(__name__)
 
 
 def grading_loss(similarity: Tensor, truth: Tensor, scale: Tensor, bias: Tensor) -> tuple[Tensor, Tensor]:
@@ -114,8 +100,104 @@ def build_towers(config: EncoderConfig, motions: MotionSet, layout: ObjectLayout
     """Untrained towers, normalised to the motions."""
     torch.manual_seed(config.seed)
     state = StateTower(*input_scales(motions, layout), config.feature_size, config.hidden)
-    logit = nn.ParameterDict({"scale": nn.Parameter(torch.tensor(10.0)), "bias": nn.Parameter(torch.tensor(-3.0))})
+    first = {"scale": 10.0, "bias": -3.0} | ({"retrieval": 15.0} if config.lessons else {})
+    logit = nn.ParameterDict({name: nn.Parameter(torch.tensor(value)) for name, value in first.items()})
     return Towers(state, TextHead(config.feature_size), logit)
+
+
+class _Lessons:
+    """Draws motions and captions about posecodes for each step."""
+
+    def __init__(self, config: EncoderConfig, motions: MotionSet, sampler: MotionSampler) -> None:
+        self.rng = np.random.default_rng(config.seed + 5)
+        self.sampler = sampler
+        self.size = config.lesson_batch
+        log.info("grading posecodes of %d motions", len(motions))
+        self.chooser = CodeChooser(grade(motions.films, FILM_FRAMES), self.rng)
+        rows = sampler.index(config.lessons)
+        self.lessons = write_lessons(self.chooser, rows, sampler.turned(rows), self.rng)
+        self.phrases = write_phrases(self.rng)
+
+    @property
+    def texts(self) -> list[str]:
+        """All texts that captions are made of."""
+        told = [text for one in self.lessons for text in (one.text, one.other_text, one.wrong_text)]
+        return told + [text for texts in self.phrases for text in texts]
+
+    def draw(self) -> tuple[_LessonBatch, NDArray[np.int64], NDArray[np.bool_]]:
+        """Captions, and the motions that they are about: first those of lessons, then those of composed captions."""
+        chosen = [self.lessons[index] for index in self.rng.integers(len(self.lessons), size=self.size)]
+        other = self.sampler.index(self.size)
+        rows = np.concatenate([[one.row for one in chosen], other]).astype(np.int64)
+        turned = np.concatenate([[one.turned for one in chosen], self.sampler.turned(other)]).astype(bool)
+        facts = self.chooser.choose(self.chooser.of(other, turned[self.size :]))
+        facts = [one or (0,) for one in facts]
+        composed = [[str(self.rng.choice(self.phrases[fact])) for fact in one] for one in facts]
+        told = (
+            [[one.text] for one in chosen] + [[one.other_text] for one in chosen] + [[one.wrong_text] for one in chosen]
+        )
+        demands = [one.facts for one in chosen] * 2 + [one.wrong_facts for one in chosen] + facts
+        differs = np.array([one.wrong_facts != one.facts for one in chosen])
+        return _LessonBatch(told, composed, demands, differs), rows, turned
+
+
+@dataclass(frozen=True)
+class _LessonBatch:
+    """Captions of one step: texts of `told`, phrases of `composed`, and which facts both demand, in this order."""
+
+    told: list[list[str]]
+    composed: list[list[str]]
+    demands: list[tuple[int, ...]]
+    differs: NDArray[np.bool_]
+
+
+def lesson_loss(similarity: Tensor, truth: Tensor, text: Tensor, differs: Tensor, scale: Tensor) -> Tensor:
+    """What lessons ask for beside the grades.
+
+    A caption finds the motions of which it is most true among all of the batch: cross-entropy of a softmax over the motions
+    (Radford et al. 2021) with the softmax of the truths as target, so that motions of which it is as true share. Two
+    wordings of the same facts have one feature. The caption with one fact wrong is further from its motion than the right one.
+
+    Args:
+        similarity: cosines, `(n, c)`; captions: k right ones, k in other words, k wrong ones, and further ones. The last n
+            motions begin with those of the k lessons.
+        truth: `(n, c)`.
+        text: features of the captions, `(c, d)`.
+        differs: for which lessons there is a wrong one, `(k,)`.
+        scale: factor of the cosine in the softmax.
+    """
+    count = len(differs)
+    target = torch.softmax(truth * 12.0, dim=0)
+    weight = ((truth.max(0).values - 0.5) * 2.0).clamp(0.0, 1.0)
+    found = -(target * torch.log_softmax(similarity * scale, dim=0)).sum(0)
+    # The least possible: the entropy of the target.
+    least = -(target * torch.log(target + 1e-12)).sum(0)
+    retrieval = ((found - least) * weight).sum() / weight.sum().clamp(min=1.0)
+    same = 1.0 - (text[:count] * text[count : 2 * count]).sum(1).mean()
+    own = len(similarity) - (similarity.shape[1] - 2 * count)
+    rows = torch.arange(count)
+    right, wrong = similarity[own + rows, rows], similarity[own + rows, 2 * count + rows]
+    margin = functional.softplus(15.0 * (wrong - right) + 1.0)
+    told_apart = (margin * differs).sum() / differs.sum().clamp(min=1.0)
+    return 0.4 * retrieval + 0.5 * same + 0.3 * told_apart
+
+
+def widened(earlier: dict[str, Tensor], modules: nn.ModuleDict) -> dict[str, Tensor]:
+    """Weights of an earlier training in towers that may have wider hidden layers, without a change of what they compute.
+
+    New hidden units keep their random weights towards the inputs; nothing listens to them at first.
+
+    Args:
+        earlier: state of the earlier modules; what the new ones have beside it stays as it is.
+        modules: the new towers.
+    """
+    weights = {name: value.clone() for name, value in modules.state_dict().items()}
+    for name, value in earlier.items():
+        own = weights[name]
+        if own.dim() == 2 and own.shape[1] > value.shape[1]:
+            own[: value.shape[0], value.shape[1] :] = 0.0
+        own[tuple(slice(0, size) for size in value.shape)] = value
+    return weights
 
 
 def train_towers(
@@ -133,15 +215,20 @@ def train_towers(
     Returns:
         The trained towers; the last checkpoint is `towers.pt` in the run folder.
     """
-    states, mask = encode_tokens([caption.text for caption in captions.training], tokens_path)
     towers = build_towers(config, motions, layout)
     mirror = mirrored_concepts(captions.concepts)
     sampler = MotionSampler(motions, mirror, np.random.default_rng(config.seed + 1), layout)
     caption_sampler = CaptionSampler(captions, np.random.default_rng(config.seed + 2))
+    lessons = _Lessons(config, motions, sampler) if config.lessons else None
+    store = TokenStore(
+        [caption.text for caption in captions.training] + (lessons.texts if lessons is not None else []), tokens_path
+    )
     modules = nn.ModuleDict({"state": towers.state, "text": towers.text, "logit": towers.logit})
     optimiser = torch.optim.AdamW(modules.parameters(), lr=config.learning_rate, weight_decay=1e-3)
     checkpoint = config.run / "towers.pt"
     first = 0
+    if config.begin is not None and not checkpoint.is_file():
+        modules.load_state_dict(widened(torch.load(config.begin / "towers.pt", weights_only=True)["modules"], modules))
     if checkpoint.is_file():
         stored = torch.load(checkpoint, weights_only=True)
         modules.load_state_dict(stored["modules"])
@@ -153,24 +240,45 @@ def train_towers(
     for step in progress:
         for group in optimiser.param_groups:
             group["lr"] = learning_rate_at(step, config.steps, config.learning_rate)
-        observations, objects, truths = sampler.draw(config.state_batch)
-        chosen = caption_sampler.draw(config.caption_batch)
-        length = int(mask[chosen].sum(1).max())
-        truth = captions.truth([captions.training[index] for index in chosen], truths)
+        index = sampler.index(config.state_batch)
+        turned = sampler.turned(index)
+        chosen = [captions.training[place] for place in caption_sampler.draw(config.caption_batch)]
+        parts = [[[caption.text] for caption in chosen]]
+        if lessons is not None:
+            lesson, rows, mirrored = lessons.draw()
+            index, turned = np.concatenate([index, rows]), np.concatenate([turned, mirrored])
+            parts += [lesson.told, lesson.composed]
+        observations, objects, truths = sampler.take(index, turned)
+        truth = torch.from_numpy(captions.truth(chosen, truths))
         with torch.autocast("cpu", dtype=torch.bfloat16):
-            text = towers.text(
-                torch.from_numpy(states[chosen, :length].astype(np.float32)),
-                torch.from_numpy(_without_some(mask[chosen, :length].astype(np.float32), sampler.rng)),
-            )
+            # Short and long captions apart: there is less padding to be computed.
+            features = []
+            for texts in parts:
+                states, mask = store.batch(texts)
+                features.append(
+                    towers.text(torch.from_numpy(states), torch.from_numpy(_without_some(mask, sampler.rng)))
+                )
             state = towers.state(torch.from_numpy(observations), torch.from_numpy(objects))
-        similarity = state.float() @ text.float().T
-        pairs, order = grading_loss(similarity, torch.from_numpy(truth), towers.logit["scale"], towers.logit["bias"])
+        state = state.float()
+        text = features[0].float()
+        pairs, order = grading_loss(state @ text.T, truth, towers.logit["scale"], towers.logit["bias"])
+        loss = pairs + order
+        if lessons is not None:
+            told = torch.cat(features[1:]).float()
+            facts = torch.from_numpy(joint_truth(lesson.demands, lessons.chooser.of(index, turned)))
+            similarity = state @ told.T
+            fact_pairs, fact_order = grading_loss(similarity, facts, towers.logit["scale"], towers.logit["bias"])
+            asked = lesson_loss(similarity, facts, told, torch.from_numpy(lesson.differs), towers.logit["retrieval"])
+            loss = loss + fact_pairs + fact_order + asked
         optimiser.zero_grad()
-        (pairs + order).backward()
+        loss.backward()
         nn.utils.clip_grad_norm_(modules.parameters(), 1.0)
         optimiser.step()
         if step % 50 == 0:
-            progress.set_postfix(pairs=f"{pairs.item():.3f}", correlation=f"{1 - order.item():.3f}")
+            shown = {"pairs": f"{pairs.item():.3f}", "correlation": f"{1 - order.item():.3f}"}
+            if lessons is not None:
+                shown |= {"facts": f"{1 - fact_order.item():.3f}", "lessons": f"{asked.item():.3f}"}
+            progress.set_postfix(shown)
         if time.monotonic() - saved > 60 or step + 1 == config.steps:
             saved = time.monotonic()
             stored = {"modules": modules.state_dict(), "optimiser": optimiser.state_dict(), "step": step + 1}

@@ -16,6 +16,7 @@ from agents.encoder.material import make_motions, motion_library, prepare_captio
 from agents.encoder.pictures import picture_index, render_films, train_image_tower
 from agents.encoder.scenes import ObjectLayout
 from agents.encoder.towers import train_towers
+from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
 from rewards.bundled import BundledEncoder
 
 HELD_OUT_PICTURES = 1000
@@ -43,7 +44,8 @@ def train(config: EncoderConfig) -> int:
     captions = prepare_captions(config, clips)
     motions = make_motions(config, clips, captions.concepts, layout)
     towers = train_towers(config, motions, captions, layout, config.run / "tokens.npz")
-    trained_on = f"{len(motions)} short motions, {len(captions.training)} captions by rules, seed {config.seed}"
+    told = f"{len(captions.training)} captions by rules, {config.lessons} lessons"
+    trained_on = f"{len(motions)} short motions, {told}, seed {config.seed}"
     export_towers(
         out, towers.state, towers.text, config.feature_size, trained_on, layout.sizes, config.caption_settings
     )
@@ -52,6 +54,10 @@ def train(config: EncoderConfig) -> int:
     films = render_films(drawn, config.image_size, rng, config.run / "films.npy", config.cameras, layout)
     with torch.no_grad():
         features = towers.state(torch.from_numpy(drawn.observations), torch.from_numpy(drawn.objects)).numpy()
+        turned = drawn.observations[:, MIRROR_INDEX] * MIRROR_SIGN
+        mirrored = towers.state(torch.from_numpy(turned), torch.from_numpy(drawn.objects)).numpy()
+    # The camera of scenes stands on one side.
+    mirrored[drawn.scenes >= 0] = np.nan
     # The files are read back, so that what is measured is what a user gets.
     encoder = BundledEncoder(out, cache="")
     text_features = encoder.encode_text([concept.phrases[0] for concept in captions.concepts])
@@ -65,6 +71,7 @@ def train(config: EncoderConfig) -> int:
         config.learning_rate,
         config.seed,
         config.image_width,
+        mirrored,
     )
     export_image_tower(out, image, config.image_size, config.feature_size, f"{len(films)} films of 4 frames")
     report = evaluate(encoder, captions, HELD_OUT_PICTURES, HELD_OUT_TRACKS)
