@@ -26,6 +26,8 @@ TINY = {
     "feature_size": 16,
     "state_batch": 64,
     "caption_batch": 32,
+    "lessons": 200,
+    "lesson_batch": 16,
     "steps": 60,
     "image_motions": 24,
     "image_epochs": 1,
