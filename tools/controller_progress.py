@@ -53,7 +53,8 @@ def main(path: str) -> None:
         limit = next(float(row[3]) for row in rows if row)
         axes.plot(hours, values, "o-")
         axes.axhline(limit, color="tab:red", linestyle="--", linewidth=1)
-        axes.set(title=bar, xlabel="hours of training", ylim=(0, None))
+        axes.set(title=bar, xlabel="hours of training")
+        axes.margins(0.15)
         axes.title.set_fontsize(9)
         axes.grid(alpha=0.3)
         for hour, value, version in zip(hours, values, cards, strict=True):
