@@ -28,6 +28,7 @@ _TEMPLATE = """# Low-level controller {version}
 `anyskill controller evaluate --json`, {episodes} episodes per clip, latent renewed at 6 Hz from the reference window; the policy
 sees no reference. Survival: the mean distance of the bodies from the reference, in the heading frame, stays below 0.4 m to the
 end of the clip. The first groups divide the clips, the last three overlap and leave acrobatics out.
+`docs/strips` shows each bundled clip, reference above simulation (`anyskill controller show --pages docs/strips`).
 
 | group | clips | survival | lowest clip | body error (mm) |
 |---|---|---|---|---|
