@@ -8,7 +8,7 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-MOMENTS = (0.74, 0.77, 0.8)
+MOMENTS = (0.3, 0.55, 0.88)
 """Which frames are shown, as shares of the video."""
 CROP = (237, 20, 617, 430)
 """The part of a frame of 854 x 480 that shows the humanoid: left, top, right, bottom in pixels."""
