@@ -19,6 +19,7 @@ from agents.controller.evaluate import evaluate_random
 from agents.controller.losses import alignment_loss, uniformity_loss
 from agents.controller.networks import fast_arithmetic
 from agents.controller.reference import ReferenceMotions
+from agents.controller.selection import base_name
 from agents.controller.stage import Stage
 from agents.controller.student import WINDOW_OFFSETS, Student
 from agents.controller.teacher import Teacher
@@ -113,7 +114,7 @@ class DistillTrainer(Stage):
                 last.bias.copy_(torch.from_numpy(motions.feedforward.mean(0)))
         # The teacher does a clip in the same way as its twin, but a symmetric clip not as its own mirror image: there
         # mirrored labels would contradict it.
-        one_sided = {clip.name.removesuffix("_mirrored") for clip in missing_mirrors(motions.clips)}
+        one_sided = {base_name(clip.name) for clip in missing_mirrors(motions.clips)}
         twins = {name for name in motions.names if mirror_name(name) != name} & set(map(mirror_name, motions.names))
         may_mirror = [name in one_sided | twins for name in motions.names]
         self._may_mirror = torch.tensor(may_mirror)[motions.clip_of_frame]

@@ -10,10 +10,12 @@ from motion_data.clip import MIRRORED_SUFFIX, MotionClip
 from motion_data.library import mirror_name
 from motion_data.window import WINDOW_FRAMES, window_features
 
+IN_PLACE = 0.6
+"""Metres that the root of a clip may move without travelling."""
+
 _CHUNK = 1024
 _LOOP_SECONDS = 5.0
 _STILL = 0.25  # metres that it may move where a window shows only a part of a loop
-_IN_PLACE = 0.6  # metres that the root of a clip may move without travelling
 _LEAD = 0.05  # seconds: PD control lags behind its target by about this much
 
 
@@ -74,7 +76,7 @@ class ReferenceMotions:
         self.upright = (self.qpos[:, 2] > 0.5) & (head > 0.9)
         on_feet = np.logical_and.reduceat(self.upright, self.starts)
         travel = np.array([np.ptp(clip.qpos[:, :2], axis=0).max() for clip in clips])
-        known = np.where(looping, (np.array(cycles) < WINDOW_FRAMES) | (travel < _STILL), travel < _IN_PLACE)
+        known = np.where(looping, (np.array(cycles) < WINDOW_FRAMES) | (travel < _STILL), travel < IN_PLACE)
         self.holdable = np.repeat(on_feet & known, self.lengths)
 
     def __len__(self) -> int:

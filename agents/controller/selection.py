@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from agents.controller.reference import ReferenceMotions
+from agents.controller.reference import IN_PLACE, ReferenceMotions
 from anyskill_envs.simulation import CONTROLLER_STEPS
+from motion_data.clip import MIRRORED_SUFFIX
 from motion_data.gait_table import flight_gaits
 from motion_data.skeleton import FRAME_RATE, body_index, heading, kinematics
 
@@ -13,7 +14,6 @@ FLIGHT = {"jump", "run"} | flight_gaits()
 """Clips with a phase of flight, reported apart from those without."""
 
 _PLANTED = 0.06  # metres that an ankle of a standing clip may move
-_IN_PLACE = 0.6  # metres that the root of a clip may move without travelling
 _WALKING_SPEED = (0.3, 2.0)  # metres per second
 _STRAIGHT = 0.9  # a walk goes nearly straight on: its distance over the length of its path
 _TURN = np.pi / 6  # a clip that turns by more is one to steer with
@@ -27,7 +27,7 @@ def frames_of(motions: ReferenceMotions, clip: int) -> slice:
 
 def base_name(name: str) -> str:
     """Name of a clip without the ending of its mirror image."""
-    return name.removesuffix("_mirrored")
+    return name.removesuffix(MIRRORED_SUFFIX)
 
 
 def unmirrored_clips(motions: ReferenceMotions) -> np.ndarray:
@@ -52,7 +52,7 @@ def upright_clips(motions: ReferenceMotions) -> np.ndarray:
     chosen = []
     for clip in range(len(motions.names)):
         frames = frames_of(motions, clip)
-        if motions.upright[frames].all() and np.ptp(motions.qpos[frames, :2], axis=0).max() < _IN_PLACE:
+        if motions.upright[frames].all() and np.ptp(motions.qpos[frames, :2], axis=0).max() < IN_PLACE:
             chosen.append(clip)
     return np.array(chosen, int)
 
@@ -97,7 +97,7 @@ def steering_clips(motions: ReferenceMotions) -> np.ndarray:
         qpos = motions.qpos[frames_of(motions, clip)]
         travel = np.linalg.norm(qpos[:, :2] - qpos[0, :2], axis=1).max()
         yaw = np.unwrap(heading(qpos[:, 3:7]))
-        if travel > 0.5 * _IN_PLACE or np.abs(yaw - yaw[0]).max() > _TURN:
+        if travel > 0.5 * IN_PLACE or np.abs(yaw - yaw[0]).max() > _TURN:
             chosen.append(clip)
     return np.array(chosen, int)
 

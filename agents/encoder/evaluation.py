@@ -23,7 +23,7 @@ from agents.encoder.scenes import ObjectLayout
 from agents.encoder.wording_figures import wording_figures
 from anyskill_envs.objects.scene import Scene
 from anyskill_envs.rendering import FRONT_CAMERA
-from motion_data.clip import MotionClip
+from motion_data.clip import MIRRORED_SUFFIX, MotionClip
 from rewards.encoders import Encoder, SceneEncoder
 
 SEED = 20_260
@@ -144,7 +144,7 @@ def unseen(moments: Moments, captions: CaptionSet) -> Moments:
 
 
 def _originals(clips: list[MotionClip]) -> list[MotionClip]:
-    return [clip for clip in clips if not clip.name.endswith("_mirrored")]
+    return [clip for clip in clips if not clip.name.endswith(MIRRORED_SUFFIX)]
 
 
 def _facts(motions: MotionSet) -> NDArray[np.float64]:

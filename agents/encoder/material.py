@@ -16,7 +16,7 @@ from agents.encoder.scenes import ObjectLayout
 from agents.encoder.wordings import with_further_wordings
 from anyskill_envs.objects import load_object
 from motion_data.authored import authored_clips
-from motion_data.clip import MotionClip
+from motion_data.clip import MIRRORED_SUFFIX, MotionClip
 from motion_data.deepmimic import pybullet_clips
 from motion_data.floor import floor_clips
 from motion_data.gait_table import gait_clips
@@ -32,7 +32,7 @@ def motion_library() -> list[MotionClip]:
 
 def _partner_names(name: str) -> set[str]:
     swapped = {name.replace("right", "left"), name.replace("left", "right")} - {name}
-    return swapped | {f"{name}_mirrored"}
+    return swapped | {name + MIRRORED_SUFFIX}
 
 
 def all_concepts(clips: list[MotionClip], objects: tuple[str, ...] = ()) -> tuple[Concept, ...]:

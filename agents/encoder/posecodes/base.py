@@ -73,6 +73,40 @@ def _add(code: Posecode) -> None:
     POSECODES[code.name] = code
 
 
+def _add_sides(
+    stem: str,
+    rule: SidedRule,
+    opposites: str,
+    subjects: str = "",
+    states: str = "",
+    imperatives: str = "",
+    clauses: str = "",
+    nominals: str = "",
+) -> None:
+    """One posecode for each side; "{side}" and "{other}" in the wordings stand for it and the other one."""
+    for side, other in (SIDES, SIDES[::-1]):
+
+        def sided(m: Measurements, side: str = side, other: str = other) -> Array:
+            return rule(m, side, other)
+
+        def worded(texts: str, side: str = side, other: str = other) -> tuple[str, ...]:
+            return split(texts.format(side=side, other=other))
+
+        _add(
+            Posecode(
+                name=f"{stem}.{side}",
+                subjects=worded(subjects),
+                states=worded(states),
+                plural=False,
+                imperatives=worded(imperatives),
+                clauses=worded(clauses),
+                nominals=worded(nominals),
+                rule=sided,
+                opposites=tuple(f"{one}.{side}" for one in split(opposites)),
+            )
+        )
+
+
 def add_limb(
     stem: str,
     nouns: str,
@@ -95,24 +129,8 @@ def add_limb(
         opposites: stems of posecodes with which it is easily confused.
         both: whether there are facts about both limbs and about any of them, too.
     """
-    for side, other in (SIDES, SIDES[::-1]):
-
-        def sided(m: Measurements, side: str = side, other: str = other) -> Array:
-            return rule(m, side, other)
-
-        _add(
-            Posecode(
-                f"{stem}.{side}",
-                tuple(f"{side} {noun}" for noun in split(nouns)),
-                split(states.format(side=side, other=other)),
-                False,
-                split(imperatives.format(side=side, other=other)),
-                split(clauses.format(side=side, other=other)),
-                (),
-                sided,
-                tuple(f"{one}.{side}" for one in split(opposites)),
-            )
-        )
+    subjects = " | ".join(f"{{side}} {noun}" for noun in split(nouns))
+    _add_sides(stem, rule, opposites, subjects, states, imperatives, clauses)
     if not both or "{" in states:
         return
     together = tuple(f"{word} {plural(noun)}" for noun in split(nouns) for word in ("both", "the two"))
@@ -165,21 +183,4 @@ def add_whole(stem: str, nominals: str, clauses: str, imperatives: str, rule: Ru
 
 def add_sided(stem: str, nominals: str, clauses: str, imperatives: str, rule: SidedRule, opposites: str = "") -> None:
     """Puts a fact with a side that is not about one limb alone into the table: a lean, a turn, one foot before the other."""
-    for side, other in (SIDES, SIDES[::-1]):
-
-        def sided(m: Measurements, side: str = side, other: str = other) -> Array:
-            return rule(m, side, other)
-
-        _add(
-            Posecode(
-                f"{stem}.{side}",
-                (),
-                (),
-                False,
-                split(imperatives.format(side=side, other=other)),
-                split(clauses.format(side=side, other=other)),
-                split(nominals.format(side=side, other=other)),
-                sided,
-                tuple(f"{one}.{side}" for one in split(opposites)),
-            )
-        )
+    _add_sides(stem, rule, opposites, imperatives=imperatives, clauses=clauses, nominals=nominals)
