@@ -36,7 +36,7 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         text_observation: append the text's feature to the observation, for one policy that is told many texts.
         terminate_when_fallen: see :class:`HumanoidVectorEnv`; a fall ends the episode by default.
         controller: path of the controller's ONNX file, or a loaded controller; the bundled one if None.
-        num_threads: threads of physics and controller; 0 for one per CPU. Results do not depend on it.
+        num_threads: threads of physics, controller and reward; 0 for one per CPU. Results do not depend on it.
         objects: what stands beside each humanoid; see :class:`HumanoidVectorEnv`.
         **kwargs: arguments of :class:`HumanoidVectorEnv`.
 
@@ -64,10 +64,12 @@ class HumanoidTextVectorEnv(HumanoidLatentVectorEnv):
         **kwargs: Any,
     ) -> None:
         texts = checked_texts(text, max(num_envs, 1), "humanoids")  # the base class refuses less
+        # One humanoid needs one thread: single environments are run in many processes at once.
+        threads = num_threads if num_envs > 1 else 1
         if isinstance(reward, str | Mapping):
-            reward = make_reward(reward, **{"encoder": encoder} | dict(reward_kwargs or {}))
+            reward = make_reward(reward, **{"encoder": encoder, "num_threads": threads} | dict(reward_kwargs or {}))
         if not isinstance(controller, LowLevelController):
-            controller = LowLevelController.load(controller, num_threads if num_envs > 1 else 1)
+            controller = LowLevelController.load(controller, threads)
         scene = Scene.of(objects)
         camera = camera_of(kwargs.get("camera"), scene)
         self._reward = HumanoidReward(reward, texts, camera, controller.latents, scene)

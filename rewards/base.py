@@ -213,13 +213,16 @@ def register_reward(name: str, target: str | Callable[..., RewardFn]) -> None:
     _REWARDS[name] = target
 
 
-def make_reward(reward: str | Mapping[str, float] | RewardFn, *, encoder: Any = None, **kwargs: Any) -> RewardFn:
+def make_reward(
+    reward: str | Mapping[str, float] | RewardFn, *, encoder: Any = None, num_threads: int | None = None, **kwargs: Any
+) -> RewardFn:
     """Build a reward.
 
     Args:
         reward: one of `reward_names()`; or weights by name, such as ``{"clip": 0.8, "velocity": 0.2}``, for the weighted
             sum of several, which can also be spelled ``"0.8*clip+0.2*velocity"``; or a reward that is made already.
         encoder: the encoder or its name, for rewards that have one; each reward's default if None.
+        num_threads: threads of an encoder that is given by name; see `rewards.load_encoder`.
         **kwargs: further arguments of the reward's constructor; for a sum the arguments of each part, by its name, as in
             ``velocity={"speed": 1.0}``, and `source` for all.
 
@@ -231,6 +234,12 @@ def make_reward(reward: str | Mapping[str, float] | RewardFn, *, encoder: Any = 
         from rewards.weighted_sum import parse_weights
 
         reward = parse_weights(reward)
+    if isinstance(encoder, str) and num_threads is not None and isinstance(reward, str | Mapping):
+        names = [reward] if isinstance(reward, str) else list(reward)
+        if any(name in _REWARDS and takes_argument(name, "encoder") for name in names):
+            from rewards.encoders import load_encoder
+
+            encoder = load_encoder(encoder, num_threads=num_threads)
     if isinstance(reward, Mapping):
         from rewards.weighted_sum import WeightedSum
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -76,7 +77,9 @@ def register_encoder(name: str, target: str | Callable[..., Encoder]) -> None:
     _ENCODERS[name] = target
 
 
-def load_encoder(name: str = "bundled", *, projection: str | Path | bool = True, **kwargs: Any) -> Encoder:
+def load_encoder(
+    name: str = "bundled", *, projection: str | Path | bool = True, num_threads: int | None = None, **kwargs: Any
+) -> Encoder:
     """Build an encoder by name.
 
     An encoder that knows no states gets the state projection that `anyskill encoder project` has cached for it, if it has;
@@ -87,28 +90,35 @@ def load_encoder(name: str = "bundled", *, projection: str | Path | bool = True,
             "hf:laion/CLIP-ViT-B-32-laion2B-s34B-b79K" (the paper's); or the folder of such a model, or of one that
             `anyskill encoder export` has written, or of one that `anyskill encoder train --out` has written.
         projection: file of another state projection; False for none.
+        num_threads: threads of onnxruntime within one call, 0 for one per CPU, for what runs on it; its default if None,
+            which is one thread for state projections: many single environments share the CPUs.
         **kwargs: arguments of the encoder's constructor.
 
     Raises:
         ValueError: no encoder has this name; the message lists those that exist. Or the projection does not fit.
     """
-    encoder = _load(name, **kwargs)
+    encoder = _load(name, num_threads, **kwargs)
     if projection is False or (projection is True and getattr(encoder, "has_state_projection", True)):
         return encoder
     from rewards.projection import with_projection
 
-    return with_projection(encoder, name, None if projection is True else projection)
+    return with_projection(
+        encoder, name, None if projection is True else projection, 1 if num_threads is None else num_threads
+    )
 
 
-def _load(name: str, **kwargs: Any) -> Encoder:
+def _load(name: str, num_threads: int | None, **kwargs: Any) -> Encoder:
+    threads = {} if num_threads is None else {"num_threads": num_threads}
     if name in _ENCODERS:
+        if "num_threads" in inspect.signature(resolve(_ENCODERS[name])).parameters:
+            kwargs = threads | kwargs
         return _build(_ENCODERS[name], **kwargs)
     if name.startswith(HUB_PREFIX):
         return _build(_TRANSFORMERS_ENCODER, name=name.removeprefix(HUB_PREFIX), **kwargs)
     if (Path(name) / "image.onnx").is_file() and (Path(name) / "text.onnx").is_file():
-        return _build(_ONNX_ENCODER, folder=name, **kwargs)
+        return _build(_ONNX_ENCODER, folder=name, **threads, **kwargs)
     if (Path(name) / "state_projection.onnx").is_file() and (Path(name) / "text_head.onnx").is_file():
-        return _build(_BUNDLED_ENCODER, folder=name, **kwargs)
+        return _build(_BUNDLED_ENCODER, folder=name, **threads, **kwargs)
     if Path(name).is_dir():
         return _build(_TRANSFORMERS_ENCODER, name=name, **kwargs)
     raise ValueError(

@@ -195,19 +195,22 @@ class ProjectedEncoder:
         return self.projection(observation, objects)
 
 
-def with_projection(encoder: Encoder, name: str, projection: str | Path | None = None) -> Encoder:
+def with_projection(
+    encoder: Encoder, name: str, projection: str | Path | None = None, num_threads: int = 1
+) -> Encoder:
     """The encoder with a state projection.
 
     Args:
         encoder: the encoder.
         name: what it was loaded by.
         projection: file of the projection; None for the cached one, if there is one and the encoder has none of its own.
+        num_threads: threads of onnxruntime within one call of the projection; 0 for one per CPU.
 
     Raises:
         ProjectionError: the given file is missing or does not fit.
     """
     if projection is not None:
-        found = StateProjection(projection)
+        found = StateProjection(projection, num_threads)
         if not found.fits(encoder):
             raise ProjectionError(f"The state projection '{projection}' was made for another encoder than '{name}'.")
         return ProjectedEncoder(encoder, found)
@@ -215,7 +218,7 @@ def with_projection(encoder: Encoder, name: str, projection: str | Path | None =
     if getattr(encoder, "has_state_projection", True) or not path.is_file():
         return encoder
     try:
-        found = StateProjection(path)
+        found = StateProjection(path, num_threads)
     except ProjectionError as error:
         log.warning("%s Pictures are looked at instead.", error)
         return encoder
