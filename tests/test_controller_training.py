@@ -8,6 +8,9 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from safetensors.torch import load_file
+
+from agents.controller.commands import ControllerTraining, train
 from agents.controller.distill import DistillConfig, DistillTrainer
 from agents.controller.evaluate import evaluate_controller
 from agents.controller.export import export_student
@@ -237,3 +240,43 @@ def test_clips_need_distinct_names(motions: ReferenceMotions) -> None:
         ReferenceMotions([motions.clips[0], motions.clips[0]])
     with pytest.raises(ValueError, match="No clips"):
         ReferenceMotions([])
+
+
+def test_the_command_trains_in_rounds_and_goes_on_where_it_was(
+    motions: ReferenceMotions, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for clip in motions.clips:
+        clip.save(tmp_path / "clips" / f"{clip.name}.npz")
+    config = ControllerTraining(
+        output=tmp_path / "run",
+        clips=tmp_path / "clips",
+        teacher_minutes=0.01,
+        distill_minutes=0.01,
+        finetune_minutes=0.01,
+        threads=1,
+    )
+    train(config)
+    assert "3 clips" in capsys.readouterr().out
+    rounds = [Student(), Student()]
+    for number, student in enumerate(rounds, 1):
+        student.load_state_dict(load_file(config.output / f"round_{number}" / "student.safetensors"))
+    observation = motions.observations[:4]
+    controller, encoder = (
+        LowLevelController.load(config.output / "llc.onnx"),
+        MotionEncoder.load(config.output / "motion_encoder.onnx"),
+    )
+    latents = encoder.encode(motions.windows(np.arange(4)))
+    with torch.no_grad():
+        first, last = (
+            s.eval().policy(torch.from_numpy(observation), torch.from_numpy(latents)).numpy() for s in rounds
+        )
+    np.testing.assert_allclose(controller.act(observation, latents), last, atol=1e-4)
+    assert np.abs(first - last).max() > 1e-4
+
+    train(config)  # all stages have had their time: nothing is trained again
+    np.testing.assert_array_equal(
+        LowLevelController.load(config.output / "llc.onnx").act(observation, latents),
+        controller.act(observation, latents),
+    )
+    with pytest.raises(ValueError, match="at least one round"):
+        train(replace(config, rounds=0))

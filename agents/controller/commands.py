@@ -46,7 +46,7 @@ def controller_clips(folder: Path | None, acrobatics: bool, mirrored: bool) -> l
 
 @dataclass(frozen=True)
 class ControllerTraining:
-    """Trains the low-level controller: a tracking policy, then its distillation into a latent space, then export."""
+    """Trains the low-level controller: a tracking policy, its distillation into a latent space, fine-tuning, export."""
 
     output: Path = Path("runs/controller")
     """Folder of checkpoints and of the finished files; a run that was stopped goes on from there."""
@@ -56,10 +56,13 @@ class ControllerTraining:
     """Also learn backflip, cartwheel, roll, spin and spinkick; they cost the other clips training time."""
     teacher_minutes: float = 60.0
     """Minutes for the tracking policy."""
-    distill_minutes: float = 30.0
-    """Minutes for the distillation."""
-    finetune_minutes: float = 15.0
-    """Minutes for fine-tuning under held and random latents and pushes."""
+    rounds: int = 2
+    """How often distillation and fine-tuning follow each other: what is rare in the library, fine-tuning forgets a little, and
+    the next distillation, which begins with the fine-tuned weights, brings it back."""
+    distill_minutes: float = 20.0
+    """Minutes for each distillation."""
+    finetune_minutes: float = 10.0
+    """Minutes for each fine-tuning under held and random latents and pushes; 0 for none, and then one round does."""
     from_scratch: bool = False
     """Begin with random networks instead of those that made the bundled controller."""
     seed: int = 0
@@ -73,24 +76,29 @@ class ControllerTraining:
 def train(config: ControllerTraining) -> None:
     """Trains a low-level controller and writes llc.onnx, motion_encoder.onnx and latents.npz."""
     from agents.controller.distill import DistillConfig, DistillTrainer
-    from agents.controller.export import export_student
+    from agents.controller.export import export_student, save_student
     from agents.controller.finetune import FinetuneConfig, FinetuneTrainer
     from agents.controller.teacher import TeacherConfig, TeacherTrainer
 
+    if config.rounds < 1:
+        raise ValueError(f"There must be at least one round of distillation and fine-tuning, not {config.rounds}.")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     clips = controller_clips(config.clips, config.acrobatics, mirrored=False)
     motions = ReferenceMotions(clips)
     print(f"{len(motions.names)} clips, {len(motions) / 30:.0f} s of motion; checkpoints in {config.output}")
     seed, threads = config.seed, config.threads
-    first, second = (None, None) if config.from_scratch else (TRACKING_POLICY, STUDENT)
+    first, begin = (None, None) if config.from_scratch else (TRACKING_POLICY, STUDENT)
     tracking = TeacherConfig(minutes=config.teacher_minutes, seed=seed, threads=threads, initial=first)
     teacher = TeacherTrainer(motions, config.output, tracking).train()
-    distillation = DistillConfig(minutes=config.distill_minutes, seed=seed, threads=threads, initial=second)
-    student = DistillTrainer(teacher, motions, config.output, distillation).train()
-    if config.finetune_minutes:
-        finetuning = FinetuneConfig(minutes=config.finetune_minutes, seed=seed, threads=threads)
-        both_sides = ReferenceMotions([*clips, *missing_mirrors(clips)])
-        student = FinetuneTrainer(student, teacher, both_sides, config.output, finetuning).train()
+    both_sides = ReferenceMotions([*clips, *missing_mirrors(clips)]) if config.finetune_minutes else motions
+    for number in range(1, config.rounds + 1):
+        folder = config.output / f"round_{number}"
+        distillation = DistillConfig(minutes=config.distill_minutes, seed=seed, threads=threads, initial=begin)
+        student = DistillTrainer(teacher, motions, folder, distillation).train()
+        if config.finetune_minutes:
+            finetuning = FinetuneConfig(minutes=config.finetune_minutes, seed=seed, threads=threads)
+            student = FinetuneTrainer(student, teacher, both_sides, folder, finetuning).train()
+        begin = save_student(student, folder)
     source = f"{len(motions.names)} clips: {', '.join(motions.names)}"
     controller, encoder = export_student(student, motions, config.output, config.version, source)
     print(f"Wrote {controller} and {encoder}. Measure them: anyskill controller evaluate --weights {config.output}")

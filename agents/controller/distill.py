@@ -48,7 +48,9 @@ class DistillConfig:
     batch: int = 4096
     """Samples per gradient step; half are mirrored, but for those of symmetric clips."""
     learning_rate: float = 1e-3
-    """First learning rate; it falls linearly, at last to 3 %."""
+    """First learning rate from nothing; it falls linearly, at last to 3 %."""
+    later_rate: float = 4e-4
+    """The same for a training that begins with trained weights."""
     averaging: float = 0.9995
     """Decay of the running mean of the weights, per gradient step: the mean is what training yields."""
     large_error: float = 0.05
@@ -93,9 +95,8 @@ class DistillTrainer(Stage):
         super().__init__(folder / "student.pt", config.minutes, config.seed, config.threads)
         self.config, self.teacher, self.motions = config, teacher, motions
         self.student = Student()
-        self.optimizer = torch.optim.AdamW(
-            self.student.parameters(), config.learning_rate, weight_decay=1e-4, fused=True
-        )
+        self._first_rate = config.later_rate if config.initial else config.learning_rate
+        self.optimizer = torch.optim.AdamW(self.student.parameters(), self._first_rate, weight_decay=1e-4, fused=True)
         if self.checkpoint:
             self.student.load_state_dict(self.checkpoint["model"])
             self.optimizer.load_state_dict(self.checkpoint["optimizer"])
@@ -146,7 +147,7 @@ class DistillTrainer(Stage):
 
     def update(self) -> dict[str, float]:
         """One rollout and its gradient steps."""
-        rate = self.config.learning_rate * max(0.03, 1 - self.seconds / self.budget)
+        rate = self._first_rate * max(0.03, 1 - self.seconds / self.budget)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         failures, loss = self._rollout(), self._learn()

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors.torch import save_file
 from torch import nn
 
 from agents.controller.reference import ReferenceMotions
@@ -69,6 +70,14 @@ def export_student(
                 raise RuntimeError(f"The exported {name} differs from the torch model by {difference:.2g}.")
     _write_latents(encoder, motions, folder / LATENTS_FILE.name)
     return controller_path, encoder_path
+
+
+def save_student(student: Student, folder: Path) -> Path:
+    """Writes the weights of a student, ``student.safetensors``, with which another training can begin."""
+    path = folder / "student.safetensors"
+    weights = {name: value.contiguous() for name, value in student.state_dict().items()}
+    write_whole(path, lambda temporary: save_file(weights, temporary))
+    return path
 
 
 def _write_latents(encoder: MotionEncoder, motions: ReferenceMotions, path: Path) -> None:
