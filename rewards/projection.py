@@ -195,9 +195,7 @@ class ProjectedEncoder:
         return self.projection(observation, objects)
 
 
-def with_projection(
-    encoder: Encoder, name: str, projection: str | Path | None = None, num_threads: int = 1
-) -> Encoder:
+def with_projection(encoder: Encoder, name: str, projection: str | Path | None = None, num_threads: int = 1) -> Encoder:
     """The encoder with a state projection.
 
     Args:
