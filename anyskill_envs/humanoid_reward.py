@@ -25,15 +25,19 @@ _PELVIS_VELOCITY = slice(
 
 
 def require_objects(reward: RewardFn, scene: Scene) -> None:
-    """Raises ValueError if a reward looks at an object, or the joint of one, and the scene has none."""
+    """Raises ValueError if a reward looks at an object, or the joint of one, and the scene has none such."""
     if "objects" in reward.needs and not scene:
         raise ValueError(
             "The reward looks at an object, but the scene of this environment has none: use an environment with one, "
             'such as HumanoidSoccer-v0, or name some: objects=["ball"].'
         )
-    if "object_angle" in reward.needs and not any(part.angles for part in scene.parts.values()):
+    named = getattr(reward, "object", None) if "objects" in reward.needs else None
+    if named is not None and named not in scene.parts:
+        raise ValueError(f"The reward looks at {named!r}, but the objects of the scene are: {', '.join(scene.parts)}.")
+    looked_at = scene.parts if named is None else {named: scene.parts[named]}
+    if "object_angle" in reward.needs and not any(part.angles for part in looked_at.values()):
         raise ValueError(
-            f"The reward looks at the hinge of an object, but {', '.join(scene.parts)} in the scene of this environment has "
+            f"The reward looks at the hinge of an object, but {', '.join(looked_at)} in the scene of this environment has "
             'none: use an environment with one, such as HumanoidDoor-v0, or another reward, such as "strike".'
         )
 

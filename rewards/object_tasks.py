@@ -5,6 +5,8 @@ They read what the object does from physics, which a text reward never does. Eve
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from rewards.base import FloatArray, RewardBatch, RewardOutput, TextFreeReward
@@ -33,12 +35,16 @@ class ObjectReward(TextFreeReward):
         """
         batch.require(self.needs)
         assert batch.objects is not None
-        name = next(iter(batch.objects)) if self.object is None else self.object
+        name = self.default_object(batch.objects) if self.object is None else self.object
         if name not in batch.objects:
             raise ValueError(
                 f"The reward looks at {name!r}, but the objects of the scene are: {', '.join(batch.objects)}."
             )
         return batch.objects[name]
+
+    def default_object(self, objects: Mapping[str, ObjectState]) -> str:
+        """Which object of the scene is looked at when none was named: the first."""
+        return next(iter(objects))
 
     def nearing(self, batch: RewardBatch, reach: float) -> FloatArray:
         """The task "target location" of AMP (Peng et al., SIGGRAPH 2021), from 0 to 1, shape (n,).
@@ -115,7 +121,7 @@ class OpenReward(ObjectReward):
     where a is the angle of the object's first joint. Terms: "approach" and "open".
 
     Args:
-        object: name of the object; the first of the scene if None.
+        object: name of the object; the first of the scene that has a joint if None.
         angle: angle that earns most, radians.
         reach: as in :class:`ApproachReward`.
 
@@ -128,6 +134,10 @@ class OpenReward(ObjectReward):
         self.angle = _checked("angle", angle)
         self.reach = reach
         self.needs |= {"object_angle"}
+
+    def default_object(self, objects: Mapping[str, ObjectState]) -> str:
+        """The first object with a joint."""
+        return next((name for name, state in objects.items() if state.angle.shape[1]), next(iter(objects)))
 
     def __call__(self, batch: RewardBatch) -> RewardOutput:
         """Reward n humanoids."""

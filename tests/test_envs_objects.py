@@ -352,9 +352,15 @@ def test_a_reward_about_an_object_needs_one(controller_file):
         gym.make("HumanoidText-v0", reward="strike", **kwargs)
     with pytest.raises(ValueError, match="hinge.*HumanoidDoor-v0"):
         gym.make("HumanoidSoccer-v0", reward="open", **kwargs)
-    env = gym.make("HumanoidSoccer-v0", objects=["ball", "door"], reward="open", **kwargs)
-    with pytest.raises(ValueError, match="hinge"):  # the first object counts
-        env.reset()
+    both = {"objects": ["ball", "door"], "reward": "open", **kwargs}
+    with pytest.raises(ValueError, match="hinge of an object, but ball "):
+        gym.make("HumanoidSoccer-v0", reward_kwargs={"object": "ball"}, **both)
+    with pytest.raises(ValueError, match="'gate', but the objects of the scene are: ball, door"):
+        gym.make("HumanoidSoccer-v0", reward_kwargs={"object": "gate"}, **both)
+    env = gym.make("HumanoidSoccer-v0", **both)  # the first object with a hinge counts
+    env.reset(seed=0)
+    assert "reward_open" in env.step(np.zeros(64, np.float32))[4]
+    env.close()
 
 
 # A new object is one constant

@@ -83,6 +83,9 @@ class AblationConfig:
     env: str = "HumanoidText-v0"
     """Environment of all runs, as in `anyskill train`; rewards such as strike need one with an object."""
 
+    blind: bool = False
+    """The policies do not observe the objects, as in AnySkill."""
+
     encoder: str = "bundled"
     """Encoder of the rewards."""
 
@@ -132,6 +135,7 @@ class AblationConfig:
             minutes=self.minutes,
             seed=seed,
             env=self.env,
+            blind=self.blind,
             num_envs=self.num_envs,
             batch_size=min(512, 16 * self.num_envs),
             warm_start=self.warm_start,
