@@ -109,6 +109,12 @@ class ObjectTrack:
         return closing
 
     @cached_property
+    def leaving(self) -> Array:
+        """Speed at which the object itself moves away from the pelvis, m/s, `(n,)`."""
+        away = self.state.position[:, :2] / np.maximum(self.distance, 1e-6)[:, None]
+        return (self.state.linear_velocity[:, :2] * away).sum(1).astype(np.float64)
+
+    @cached_property
     def aligned(self) -> Array:
         """Cosine of the directions that humanoid and object look in: 1 for who sits on a chair, `(n,)`."""
         return self.state.rotation[:, 0].astype(np.float64)
@@ -169,7 +175,11 @@ def _kicking(m: Measurements, o: ObjectTrack) -> Array:
     moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(o.speed, 0.3, 1.5))
     raised = ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
     swing = moves if o.kind == "ball" else partly(moves, raised)
-    return np.maximum(o.contact(m, _FEET, 0.2) * (0.35 + 0.65 * swing) * m.on_feet, _on_the_way(m, o))
+    kicked = o.contact(m, _FEET, 0.2) * (0.35 + 0.65 * swing) * m.on_feet
+    if o.kind == "ball":  # it is being kicked for as long as it flies away from whoever looks after it
+        flies = ramp(o.leaving, 0.3, 1.5) * ramp(o.distance, 5.0, 2.0) * ramp(np.abs(o.bearing), 2.0, 1.0)
+        kicked = np.maximum(kicked, 0.9 * flies * m.on_feet)
+    return np.maximum(kicked, _on_the_way(m, o))
 
 
 def _striking(m: Measurements, o: ObjectTrack) -> Array:

@@ -18,6 +18,7 @@ Tracks = tuple[FloatArray, FloatArray]
 """Poses `(frames, n, 35)`, or those of a scene, and velocities `(frames, n, 34)`, or those of a scene."""
 
 _PUSH = 120.0  # N, standard deviation in each direction, for a third of a second
+_ROLLING = 4.0  # m/s, fastest object that rolls at the start
 
 
 def simulated_tracks(rng: np.random.Generator, poses: FloatArray, velocities: FloatArray) -> Tracks:
@@ -53,6 +54,7 @@ def controller_tracks(
     placements: Mapping[str, Placement] | None = None,
     favoured: Sequence[str] = (),
     pushed: bool | None = None,
+    rolling: bool = False,
 ) -> Tracks:
     """What the frozen controller does with latents of clips, between clips and at random, renewed at random times.
 
@@ -69,6 +71,7 @@ def controller_tracks(
         placements: where these are put, by name; their own placements if None.
         favoured: parts of names of clips whose latents half of the draws take.
         pushed: whether bodies are pushed now and then; by default where there are clips.
+        rolling: whether the object of the scene rolls anywhere at the start.
 
     Returns:
         Poses `(frames, count, pose_size)` and velocities `(frames, count, nv)`.
@@ -86,7 +89,7 @@ def controller_tracks(
         mixed = mixed + rng.normal(0, 0.3, mixed.shape) * (rng.random((size, 1)) < 0.3)
         return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
 
-    _begin(rng, simulation, clips, placements)
+    _begin(rng, simulation, clips, placements, rolling)
     latents = draw(count)
     poses = np.empty((frames, count, simulation.pose_size))
     velocities = np.empty((frames, count, simulation.qvel.shape[1]))
@@ -110,8 +113,9 @@ def _begin(
     simulation: HumanoidSimulation,
     clips: Sequence[MotionClip],
     placements: Mapping[str, Placement] | None,
+    rolling: bool,
 ) -> None:
-    """Puts bodies into the rest pose or into frames of clips, and objects around them."""
+    """Puts bodies into the rest pose or into frames of clips, and objects around them, at rest or rolling."""
     count, scene = len(simulation), simulation.scene
     qpos = np.repeat(scene.rest_pose[None, :35], count, 0)
     qvel = np.zeros((count, 34))
@@ -121,4 +125,8 @@ def _begin(
         qpos[row], qvel[row] = clip.qpos[frame], clip.qvel[frame]
     if scene:
         qpos, qvel = scene.place(qpos, qvel, placements or scene.placements(None), 0.0, rng)
+    if rolling:
+        direction = rng.uniform(-np.pi, np.pi, count)
+        speed = rng.uniform(0.0, _ROLLING, count)
+        qvel[:, 34:36] = speed[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
     simulation.reset(np.arange(count), qpos, qvel)

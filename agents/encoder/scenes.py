@@ -21,6 +21,8 @@ _FAVOURED = {
 }
 _WITH_SIDES = ("door",)
 """Objects whose mirror image is another object: the hinge of the door is on the left."""
+ROLLING = ("ball",)
+"""Objects that may roll when nobody touches them."""
 _REACH = 0.45
 """Metres from the pelvis at which a step or an arm reaches an object."""
 _SEATED = (0.45, 0.64)

@@ -4,22 +4,26 @@ A policy over unit latents that starts from nothing plays a random direction at 
 minutes go into finding out that the motion library's own latents are the sensible ones. The search tries those first.
 A candidate is a sequence of latents that is played over and over, one per decision: a single latent that is held, two
 that alternate, or all latents of a clip. Every humanoid of the batch plays one candidate for some seconds; the best are
-kept, varied and mixed for a few rounds (a cross-entropy search, Rubinstein 1999). The policy then starts from the winner,
-and PPO makes it depend on the state and improves it. Only the environment's reward is used.
+kept, varied and mixed for a few rounds (a cross-entropy search, Rubinstein 1999). Where the policy sees an object, candidates
+that walk to it and do something there are searched for as well (`agents.text.steering`). The policy then starts from the
+winner, and PPO makes it depend on the state and improves it. Only the environment's reward is used.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float32]
+from agents.text.candidates import HELD_CANDIDATES, Candidate, FloatArray, library_candidates, vary
+from agents.text.steering import SteeredCandidate, SteeredCandidates, object_columns
+
+_Kind = TypeVar("_Kind", bound=Candidate)
 
 TRIAL_DECISIONS = 30
 """Decisions (1/6 s) for which a candidate is played: 5 s."""
@@ -27,43 +31,8 @@ LONG_TRIAL_DECISIONS = 60
 """Decisions for which a candidate that did well is played again: 10 s, a whole episode."""
 SETTLE_DECISIONS = 9
 """Decisions at the start that do not count: 1.5 s for getting from standing into the motion."""
-HELD_CANDIDATES = 384
-"""Latents of the motion library that are tried at most, each held."""
-ENTRIES = 4
-"""Moments of a clip at which playing it may begin."""
 ELITE = 12
 """Candidates that survive a round."""
-SPREAD = 0.04
-"""Standard deviation of a variation in each of the 64 numbers of a unit latent: about 18 degrees."""
-
-
-@dataclass
-class Candidate:
-    """A sequence of unit latents `(L, 64)`, played over and over, and the rewards that its trials earned.
-
-    Attributes:
-        latents: The sequence; a held latent has L = 1.
-        name: The library clips that it descends from.
-        rewards: Mean reward per decision of each trial.
-    """
-
-    latents: FloatArray
-    name: str
-    rewards: list[float] = field(default_factory=list)
-
-    @property
-    def held(self) -> bool:
-        """Whether it is one latent that is held."""
-        return len(self.latents) == 1
-
-    @property
-    def reward(self) -> float:
-        """Mean over its trials."""
-        return float(np.mean(self.rewards)) if self.rewards else -np.inf
-
-    def unrolled(self, decisions: int) -> FloatArray:
-        """The latents of some decisions, `(decisions, 64)`."""
-        return self.latents[np.arange(decisions) % len(self.latents)]
 
 
 @dataclass(frozen=True)
@@ -73,6 +42,7 @@ class SearchResult:
     Attributes:
         held: The best candidate with a single latent.
         played: The best candidate with a sequence of latents; None if there was none.
+        steered: The best candidate that looks at an object; None where none is seen.
         library_rewards: Name of each library clip and its best reward before any variation, best first.
         tried: How many candidates were tried.
         curve: Best mean reward after the library was tried, and after each round.
@@ -80,38 +50,10 @@ class SearchResult:
 
     held: Candidate
     played: Candidate | None
+    steered: SteeredCandidate | None
     library_rewards: dict[str, float]
     tried: int
     curve: list[float]
-
-
-def unit(vectors: NDArray[np.floating]) -> FloatArray:
-    """Vectors `(..., d)` scaled to length 1."""
-    return (vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)).astype(np.float32)
-
-
-def library_candidates(latents: FloatArray, names: Sequence[str] | NDArray[np.str_]) -> list[Candidate]:
-    """The candidates that a motion library offers: its clips played, and evenly spaced latents held.
-
-    Args:
-        latents: Unit latents, `(k, 64)`, those of a clip one after the other, one per decision.
-        names: The clip of each latent, `(k,)`.
-
-    Raises:
-        ValueError: There are no latents.
-    """
-    if not len(latents):
-        raise ValueError("The search needs at least one latent to begin with; the controller's latents are missing.")
-    names = np.asarray(names)
-    chosen = np.unique(np.linspace(0, len(latents) - 1, HELD_CANDIDATES).round().astype(int))
-    held = [Candidate(unit(latents[[index]]), str(names[index])) for index in chosen]
-    # A clip is entered at several moments: from a stand, a stride that begins with the free leg is easier than another.
-    played = [
-        Candidate(unit(np.roll(latents[names == name], -shift, axis=0)), str(name))
-        for name, count in zip(*np.unique(names, return_counts=True), strict=True)
-        for shift in sorted({int(count * quarter / ENTRIES) for quarter in range(ENTRIES)})
-    ]
-    return held + [candidate for candidate in played if not candidate.held]
 
 
 class Earnings:
@@ -165,38 +107,26 @@ def try_candidates(
         rng: Draws the seeds of the start states.
         decisions: Length of the trial.
     """
+    columns = object_columns(env)
     for start in range(0, len(candidates), env.num_envs):
         chosen = candidates[start : start + env.num_envs]
         # the humanoids that are left over repeat the first ones
-        plans = np.stack([chosen[i % len(chosen)].unrolled(decisions) for i in range(env.num_envs)])
-        env.reset(seed=int(rng.integers(2**31)))
+        players = [chosen[index % len(chosen)] for index in range(env.num_envs)]
+        observation, _ = env.reset(seed=int(rng.integers(2**31)))
         earnings = Earnings(env.num_envs, alive_bonus)
         for decision in range(decisions):
-            _, reward, terminated, _, _ = env.step(plans[:, decision])
+            places = None if columns is None else observation[:, columns]
+            actions = [
+                player.act(decision, None if places is None else places[[index]]).reshape(-1)
+                for index, player in enumerate(players)
+            ]
+            observation, reward, terminated, _, _ = env.step(np.stack(actions))
             earnings.add(reward, terminated)
         for candidate, earned in zip(chosen, earnings.means(), strict=False):
             candidate.rewards.append(float(earned))
 
 
-def vary(elite: Sequence[Candidate], rng: np.random.Generator) -> Candidate:
-    """A new candidate from one or two of the elite.
-
-    Two held latents are mixed, or alternate, each held for one to three decisions: a rhythm that no held latent has, such
-    as that of waving. Anything else is one of the elite. A small random offset, the same for the whole sequence, is added.
-    """
-    first, second = (elite[index] for index in rng.integers(len(elite), size=2))
-    latents, name = first.latents, first.name
-    if first.held and second.held:
-        name = name if second.name == name else f"{name} + {second.name}"
-        if rng.uniform() < 0.5:
-            mix = rng.uniform()
-            latents = unit(mix * first.latents + (1 - mix) * second.latents + 1e-6)
-        else:
-            latents = np.repeat(np.concatenate([first.latents, second.latents]), rng.integers(1, 4), axis=0)
-    return Candidate(unit(latents + rng.normal(0.0, SPREAD, latents.shape[1])), name)
-
-
-def best(candidates: Sequence[Candidate], count: int, trials: int = 1) -> list[Candidate]:
+def best(candidates: Sequence[_Kind], count: int, trials: int = 1) -> list[_Kind]:
     """The candidates with the highest mean reward among those with enough trials, best first."""
     known = [candidate for candidate in candidates if len(candidate.rewards) >= trials]
     return sorted(known, key=lambda candidate: -candidate.reward)[:count]
@@ -238,8 +168,10 @@ def search(
         library_rewards.setdefault(candidate.name, candidate.reward)
     population = list(library)
     curve = [best(population, 1, trials=2)[0].reward]
+    # Where an object is seen, half of the time is for what looks at it.
+    sees = object_columns(env) is not None
     for _ in range(rounds):
-        if time.monotonic() - started > seconds:
+        if time.monotonic() - started > (seconds / 2 if sees else seconds):
             break
         elite = best(population, ELITE, trials=2)
         children = [vary(elite, rng) for _ in range(env.num_envs)]
@@ -251,7 +183,53 @@ def search(
     ranking = best(population, len(population), trials=2)
     played = [candidate for candidate in ranking if not candidate.held]
     held = [candidate for candidate in ranking if candidate.held] or best(library[:HELD_CANDIDATES], 1)
-    return SearchResult(held[0], played[0] if played else None, library_rewards, len(population), curve)
+    steered: list[SteeredCandidate] = []
+    if sees:
+        doings = SteeredCandidates(latents, names, ranking[: 4 * ELITE], rng)
+        steered = search_steered(env, doings, alive_bonus, rng, rounds, started + seconds)
+        curve.append(max(curve[-1], best(steered, 1, trials=2)[0].reward))
+    return SearchResult(
+        held[0],
+        played[0] if played else None,
+        best(steered, 1, trials=2)[0] if steered else None,
+        library_rewards,
+        len(population) + len(steered),
+        curve,
+    )
+
+
+def search_steered(
+    env: VectorEnv,
+    candidates: SteeredCandidates,
+    alive_bonus: float,
+    rng: np.random.Generator,
+    rounds: int,
+    end: float,
+) -> list[SteeredCandidate]:
+    """Finds candidates that look at an object; all that were tried.
+
+    Args:
+        env: A latent environment of n humanoids with an object.
+        candidates: Draws and varies them.
+        alive_bonus: See :class:`Earnings`.
+        rng: Draws start states.
+        rounds: Rounds of variation.
+        end: No new round begins after this time, as `time.monotonic` tells it.
+    """
+    # Whole episodes: it takes a while to get there.
+    population = [candidates.draw() for _ in range(2 * env.num_envs)]
+    try_candidates(env, population, alive_bonus, rng, LONG_TRIAL_DECISIONS)
+    try_candidates(env, best(population, env.num_envs), alive_bonus, rng, LONG_TRIAL_DECISIONS)
+    for _ in range(rounds):
+        if time.monotonic() > end:
+            break
+        elite = best(population, ELITE, trials=2)
+        children = [candidates.vary(elite) for _ in range(env.num_envs)]
+        try_candidates(env, children, alive_bonus, rng, LONG_TRIAL_DECISIONS)
+        population += children
+        again = elite + best(children, max(env.num_envs - ELITE, 1))
+        try_candidates(env, again, alive_bonus, rng, LONG_TRIAL_DECISIONS)
+    return population
 
 
 def summary(result: SearchResult) -> dict[str, Any]:
@@ -259,6 +237,7 @@ def summary(result: SearchResult) -> dict[str, Any]:
     return {
         "held": {"clip": result.held.name, "reward": result.held.reward},
         "played": None if result.played is None else {"clip": result.played.name, "reward": result.played.reward},
+        "steered": None if result.steered is None else {"clip": result.steered.name, "reward": result.steered.reward},
         "tried": result.tried,
         "curve": result.curve,
         "best_of_library": dict(list(result.library_rewards.items())[:5]),

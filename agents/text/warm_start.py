@@ -10,10 +10,10 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 
+from agents.text.candidates import Candidate, FloatArray
 from agents.text.clock import with_clock
-from agents.text.search import LONG_TRIAL_DECISIONS, Candidate, Earnings, search, summary
-
-FloatArray = NDArray[np.float32]
+from agents.text.search import LONG_TRIAL_DECISIONS, Earnings, search, summary
+from agents.text.steering import object_columns
 
 IMITATION_EPISODE = 60
 """Decisions of an episode that is imitated: 10 s."""
@@ -52,10 +52,13 @@ def record(
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
     alive = np.ones(env.num_envs, bool)
     observations, latents = [], []
-    for decision, latent in enumerate(candidate.unrolled(IMITATION_EPISODE)):
+    columns = object_columns(env)
+    for decision in range(IMITATION_EPISODE):
         timed = with_clock(observation, decision)
+        latent = candidate.act(decision, None if columns is None else observation[:, columns])
+        latent = np.broadcast_to(latent, (env.num_envs, latent.shape[-1]))
         observations.append(timed[alive])
-        latents.append(np.tile(latent, (int(alive.sum()), 1)))
+        latents.append(latent[alive])
         own, _ = model.predict(timed, deterministic=True)
         actions = np.where(rng.uniform(size=(env.num_envs, 1)) < share, own, latent)
         actions = actions + rng.normal(0.0, noise, actions.shape)
@@ -115,9 +118,9 @@ def warm_start(
 ) -> dict[str, Any]:
     """Lets a policy start from what the search finds.
 
-    A sequence that earns more than the best held latent is imitated. If the imitation then earns less than the held
-    latent while it is up, or falls in more than three of four episodes, the policy holds the latent after all. A few falls
-    do not count against it: PPO unlearns them sooner than it would find the motion.
+    What is played or steered and earns more than the best held latent is imitated. If the imitation then earns less than
+    the held latent while it is up, or falls in more than three of four episodes, the policy holds the latent after all. A
+    few falls do not count against it: PPO unlearns them sooner than it would find the motion.
 
     Args:
         model: An untrained model.
@@ -135,19 +138,22 @@ def warm_start(
     result = search(env, latents, names, alive_bonus, rng, seconds=seconds)
     report = summary(result)
     start, reward = "held", result.held.reward
+    courses = [candidate for candidate in (result.played, result.steered) if candidate is not None]
+    course = max(courses, key=lambda candidate: candidate.reward, default=None)
     untrained = {name: value.clone() for name, value in model.policy.state_dict().items()}
-    if result.played is not None and result.played.reward > result.held.reward:
+    if course is not None and course.reward > result.held.reward:
         recorded: list[tuple[FloatArray, FloatArray]] = []
         error = np.inf
         for share in IMITATION_SHARES:
-            recorded.append(record(env, result.played, model, share, rng))
+            recorded.append(record(env, course, model, share, rng))
             observations, wanted = (np.concatenate(arrays) for arrays in zip(*recorded, strict=True))
             error = imitate(model, observations, wanted, rng)
         imitated = policy_earnings(env, model, alive_bonus, rng)
         falls = float(1.0 - imitated.alive.mean())
         report["imitation"] = {"reward_while_up": imitated.mean_while_up, "falls": falls, "squared_error": error}
         if imitated.mean_while_up > result.held.reward and falls <= MOST_FALLS:
-            start, reward = "played", float(imitated.means().mean())
+            start = "steered" if course is result.steered else "played"
+            reward = float(imitated.means().mean())
         else:
             model.policy.load_state_dict(untrained)
     if start == "held":
