@@ -21,7 +21,7 @@ from agents.text.export import OnnxPolicy, parity_error
 from agents.text.monitor import TextMonitor
 from agents.text.play import play
 from agents.text.report import PANELS, similarity_ends
-from agents.text.search import SETTLE_DECISIONS, Earnings, search
+from agents.text.search import SETTLE_DECISIONS, Earnings, search, summary
 from agents.text.shaping import EpisodeClock
 from agents.text.train import make_environment, search_start, train
 from agents.text.warm_start import policy_earnings, warm_start
@@ -29,6 +29,7 @@ from agents.training.monitor import load_checkpoint
 from agents.training.report import plot_curve
 from agents.training.run import make_model
 from agents.training.run_folder import RunFolder, slug
+from anyskill_envs.objects.scene import Scene
 from motion_data.files import write_whole
 from motion_data.skeleton import joint_index, rest_qpos
 
@@ -503,3 +504,48 @@ def test_the_table_says_what_the_reports_say(finished, tmp_path, capsys):
     assert table.main([str(folder.path), str(tmp_path)]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3
     assert table.main([str(tmp_path)]) == 2
+
+
+class PlaceEnv(gym.vector.VectorEnv):
+    """A point that walks and turns by two directions of its action; reward for standing still at the ball it sees."""
+
+    def __init__(self, num_envs, latents, sees=True):
+        self.num_envs, self.object_observation, self.scene = num_envs, sees, Scene(["ball"])
+        self.walk, self.left, self.right, self.stand = latents
+        self.single_action_space = Box(-1, 1, self.walk.shape, np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def observation(self):
+        seen = np.zeros((self.num_envs, 238), np.float32)
+        seen[:, 223:225] = self.places
+        return seen if self.object_observation else seen[:, :223]
+
+    def reset(self, *, seed=None, options=None):
+        bearing = np.random.default_rng(seed).uniform(-1.5, 1.5, self.num_envs)
+        self.places = 2 * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+        return self.observation(), {}
+
+    def step(self, actions):
+        moved = self.places - np.stack([0.2 * np.maximum(actions @ self.walk, 0), np.zeros(self.num_envs)], axis=1)
+        angle = -0.3 * (actions @ (self.left - self.right))
+        cosine, sine = np.cos(angle), np.sin(angle)
+        self.places = np.stack(
+            [cosine * moved[:, 0] - sine * moved[:, 1], sine * moved[:, 0] + cosine * moved[:, 1]], axis=1
+        )
+        there = np.exp(-2 * np.linalg.norm(self.places, axis=1)) * (0.5 + 0.5 * (actions @ self.stand))
+        return self.observation(), there, np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool), {}
+
+
+def test_a_policy_that_sees_an_object_begins_by_walking_to_it():
+    latents = np.eye(64, dtype=np.float32)[:4]
+    names = ["walk", "walk_in_a_curve_left", "walk_in_a_curve_right", "stand"]
+    result = search(PlaceEnv(64, latents), latents, names, 0.5, np.random.default_rng(0))
+    steered = result.steered
+    assert steered.reward > 1.5 * max(result.held.reward, result.played.reward if result.played else 0)
+    places = np.float32([[2, 1], [2, -1], [0.1, 0.1]])
+    left, right, there = steered.act(0, places)
+    assert left @ (latents[1] - latents[2]) > 0.2 > -0.2 > right @ (latents[1] - latents[2])
+    assert there @ latents[3] > 0.5
+    assert summary(result)["steered"]["reward"] == steered.reward
+    blind = search(PlaceEnv(64, latents, sees=False), latents, names, 0.5, np.random.default_rng(0), rounds=1)
+    assert blind.steered is None and summary(blind)["steered"] is None
