@@ -52,7 +52,7 @@ def test_wished_course_reaches_the_goal():
     velocity, goal = np.array([[1.0, 0.0], [2.0, 0.0]]), np.array([[1.0, 0.0], [0.0, 2.0]])
     straight, turning = course_key(*wished_course(velocity, np.zeros(2), goal))
     np.testing.assert_allclose(straight, [1, 0, 0.5, 0, 0], atol=1e-9)
-    assert turning[0] < 2 and turning[3] > 0.2 and 0.5 < turning[4] <= 1
+    assert turning[0] < 1.5 and turning[3] > 0.1 and 0.5 < turning[4] <= 1
     kept = course_key(*wished_course(velocity, np.zeros(2), goal, face_goal=False))
     assert kept[1, 4] == 0 and kept[1, 1] > 0.5
 

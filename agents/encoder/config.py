@@ -46,6 +46,8 @@ class EncoderConfig:
     """Size of the shared space."""
     hidden: int = 768
     """Width of the hidden layers of the state tower."""
+    relation_share: float = 0.5
+    """Of the motions that are drawn for the sake of a concept, the share whose concept is a relation to an object."""
     state_batch: int = 384
     """Motions per step of the state and text towers."""
     caption_batch: int = 224

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from agents.encoder.concepts import Concept
 from agents.encoder.measurements import WINDOW, Array, Measurements
 from agents.encoder.relations import ObjectTrack, relation_truth
-from agents.encoder.rollouts import Tracks, controller_tracks, simulated_tracks
+from agents.encoder.rollouts import Tracks, controller_tracks, seeking_tracks, simulated_tracks
 from agents.encoder.scenes import ROLLING, ObjectLayout, favoured_clips, scenes_around, training_placements
 from anyskill_envs.controller import CONTROLLER_FILE, LowLevelController
 from anyskill_envs.objects.scene import Scene
@@ -338,10 +338,12 @@ def generate(
         for item, scene in layout.scenes.items():
             for places in training_placements(scene):
                 share = max(2, tracks // (2 * len(layout.scenes)))
+                favoured = favoured_clips(item)
                 for rolling in (False, True) if item in ROLLING else (False,):
-                    favoured = favoured_clips(item)
                     moved = controller_tracks(rng, share, 120, frozen, (), scene, places, favoured, rolling=rolling)
                     yield cut(moved, "scenes", item=item)
+                sought = seeking_tracks(rng, share, 240, frozen, scene, places, favoured, item in ROLLING)
+                yield cut(sought, "scenes", item=item)
             for _ in range(3 if item == "chair" else 2):
                 count = max(2, tracks // 8)
                 posed = [source.clip()[0] for _ in range(count)] + [source.random_limbs() for _ in range(count)]

@@ -7,10 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.text.candidates import library_candidates
+from agents.text.steering import SteeredCandidates
 from anyskill_envs.controller import LowLevelController
 from anyskill_envs.objects import Placement
 from anyskill_envs.objects.scene import Scene
-from anyskill_envs.simulation import HumanoidSimulation
+from anyskill_envs.objects.state import object_vectors
+from anyskill_envs.simulation import CONTROLLER_STEPS, HumanoidSimulation
 from motion_data.clip import MotionClip
 
 FloatArray = NDArray[np.float64]
@@ -99,6 +102,52 @@ def controller_tracks(
         poses[frame], velocities[frame] = simulation.poses, simulation.qvel
         if (bool(clips) if pushed is None else pushed) and frame % 10 == 0:
             _push(rng, simulation)
+        simulation.step(controller.act(simulation.observation(), latents.astype(np.float32)))
+    return poses, velocities
+
+
+def seeking_tracks(
+    rng: np.random.Generator,
+    count: int,
+    frames: int,
+    controller: LowLevelController,
+    scene: Scene,
+    placements: Mapping[str, Placement],
+    favoured: Sequence[str],
+    rolling: bool = False,
+) -> Tracks:
+    """What the frozen controller does when it walks to the object of a scene and does something there, again and again.
+
+    That is where a policy that is rewarded for a relation to the object will be. See :mod:`agents.text.steering`.
+
+    Args:
+        rng: draws who does what, starts and places.
+        count: how many.
+        frames: how long, at 30 per second.
+        controller: the frozen controller.
+        scene: the object beside each humanoid.
+        placements: where it is put.
+        favoured: parts of names of the clips whose latents are played at the object.
+        rolling: see :func:`controller_tracks`.
+
+    Returns:
+        Poses `(frames, count, pose_size)` and velocities `(frames, count, nv)`.
+    """
+    simulation = HumanoidSimulation(count, num_threads=1, scene=scene)
+    _begin(rng, simulation, (), placements, rolling)
+    library = library_candidates(controller.latents, controller.clip_names)
+    doings = [candidate for candidate in library if any(part in candidate.name for part in favoured)]
+    candidates = SteeredCandidates(controller.latents, controller.clip_names, doings or library, rng)
+    seekers = [candidates.draw() for _ in range(count)]
+    latents = np.zeros((count, controller.latent_size), np.float32)
+    poses = np.empty((frames, count, simulation.pose_size))
+    velocities = np.empty((frames, count, simulation.qvel.shape[1]))
+    for frame in range(frames):
+        if frame % CONTROLLER_STEPS == 0:
+            places = object_vectors(simulation)[:, :2]
+            decision = frame // CONTROLLER_STEPS
+            latents = np.stack([seeker.act(decision, places[[row]])[0] for row, seeker in enumerate(seekers)])
+        poses[frame], velocities[frame] = simulation.poses, simulation.qvel
         simulation.step(controller.act(simulation.observation(), latents.astype(np.float32)))
     return poses, velocities
 

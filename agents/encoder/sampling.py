@@ -19,15 +19,23 @@ class MotionSampler:
         mirror: index of each concept's mirror image.
         rng: all randomness.
         layout: objects that the motions' scenes hold.
+        weights: how often motions are drawn for the sake of each concept, `(concepts,)`; all alike if None.
     """
 
     def __init__(
-        self, motions: MotionSet, mirror: NDArray[np.int64], rng: np.random.Generator, layout: ObjectLayout
+        self,
+        motions: MotionSet,
+        mirror: NDArray[np.int64],
+        rng: np.random.Generator,
+        layout: ObjectLayout,
+        weights: NDArray[np.float64] | None = None,
     ) -> None:
         self.motions = motions
         self.layout = layout
         self.mirror = mirror
         self.rng = rng
+        count = motions.truths.shape[1]
+        self._weights = np.full(count, 1.0 / count) if weights is None else weights / weights.sum()
         self._fulfilling = [np.flatnonzero(column > 0.6) for column in motions.truths.T]
         velocities = [OBSERVATION_LAYOUT["body_linear_velocities"], OBSERVATION_LAYOUT["body_angular_velocities"]]
         self._noise = np.full(motions.observations.shape[1], 0.005, np.float32)
@@ -36,8 +44,8 @@ class MotionSampler:
     def index(self, size: int) -> NDArray[np.int64]:
         """Half uniform, half from the motions that fulfil a random concept."""
         index = self.rng.integers(len(self.motions), size=size)
-        for place in range(size // 2):
-            fulfilling = self._fulfilling[self.rng.integers(len(self._fulfilling))]
+        for place, concept in enumerate(self.rng.choice(len(self._weights), size // 2, p=self._weights)):
+            fulfilling = self._fulfilling[concept]
             if len(fulfilling):
                 index[place] = fulfilling[self.rng.integers(len(fulfilling))]
         return index

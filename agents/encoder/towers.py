@@ -217,7 +217,12 @@ def train_towers(
     """
     towers = build_towers(config, motions, layout)
     mirror = mirrored_concepts(captions.concepts)
-    sampler = MotionSampler(motions, mirror, np.random.default_rng(config.seed + 1), layout)
+    # A relation to an object is one of few things that are true of few motions, and what a policy climbs.
+    related = np.array([":" in concept.name for concept in captions.concepts])
+    share = np.where(related, config.relation_share / max(related.sum(), 1), 0.0) if related.any() else 0.0
+    others = np.where(related, 0.0, 1.0 / max((~related).sum(), 1))
+    weights = share + others * (1.0 - config.relation_share if related.any() else 1.0)
+    sampler = MotionSampler(motions, mirror, np.random.default_rng(config.seed + 1), layout, weights)
     caption_sampler = CaptionSampler(captions, np.random.default_rng(config.seed + 2))
     lessons = _Lessons(config, motions, sampler) if config.lessons else None
     store = TokenStore(
