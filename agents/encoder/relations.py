@@ -177,7 +177,7 @@ def _kicking(m: Measurements, o: ObjectTrack) -> Array:
     swing = moves if o.kind == "ball" else partly(moves, raised)
     kicked = o.contact(m, _FEET, 0.2) * (0.35 + 0.65 * swing) * m.on_feet
     if o.kind == "ball":  # it is being kicked for as long as it flies away from whoever looks after it
-        flies = ramp(o.leaving, 0.3, 1.5) * ramp(o.distance, 5.0, 2.0) * ramp(np.abs(o.bearing), 2.0, 1.0)
+        flies = ramp(o.leaving, 0.1, 0.9) * ramp(o.distance, 5.0, 2.0) * ramp(np.abs(o.bearing), 2.0, 1.0)
         kicked = np.maximum(kicked, 0.9 * flies * m.on_feet)
     return np.maximum(kicked, _on_the_way(m, o))
 
