@@ -17,7 +17,7 @@ from rewards.bundled import FILM_FRAMES, OBSERVATION_SIZE, contract
 from rewards.minilm import TOKEN_SIZE
 from rewards.onnx_files import export_module, open_session
 
-VERSION = "3"
+VERSION = "4"
 _TOLERANCE = 1e-4
 
 
