@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.encoder.captions import CaptionSet
+from agents.encoder.concepts import Concept
 from agents.encoder.dataset import MotionSet
 from agents.encoder.scenes import ObjectLayout
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN, OBSERVATION_LAYOUT
+
+
+def concept_weights(concepts: Sequence[Concept], relation_share: float) -> NDArray[np.float64]:
+    """How often motions are drawn for the sake of each concept, `(concepts,)`; adds up to 1.
+
+    What is true of an object is true of few motions, and it is what a policy climbs: relations to objects share a part of
+    the draws of their own.
+
+    Args:
+        concepts: the concepts; relations are named "ball:kicking".
+        relation_share: that part, from 0 to 1; without relations it goes to the others.
+    """
+    related = np.array([":" in concept.name for concept in concepts])
+    weights = np.where(related, relation_share / max(related.sum(), 1), (1 - relation_share) / max((~related).sum(), 1))
+    scaled: NDArray[np.float64] = weights / weights.sum()
+    return scaled
 
 
 class MotionSampler:
@@ -35,7 +54,7 @@ class MotionSampler:
         self.mirror = mirror
         self.rng = rng
         count = motions.truths.shape[1]
-        self._weights = np.full(count, 1.0 / count) if weights is None else weights / weights.sum()
+        self._weights = np.full(count, 1.0 / count) if weights is None else weights
         self._fulfilling = [np.flatnonzero(column > 0.6) for column in motions.truths.T]
         velocities = [OBSERVATION_LAYOUT["body_linear_velocities"], OBSERVATION_LAYOUT["body_angular_velocities"]]
         self._noise = np.full(motions.observations.shape[1], 0.005, np.float32)

@@ -22,7 +22,7 @@ from agents.encoder.material import mirrored_concepts
 from agents.encoder.networks import StateTower, TextHead
 from agents.encoder.posecodes.grading import CodeChooser, grade
 from agents.encoder.posecodes.lessons import write_lessons, write_phrases
-from agents.encoder.sampling import CaptionSampler, MotionSampler
+from agents.encoder.sampling import CaptionSampler, MotionSampler, concept_weights
 from agents.encoder.scenes import ObjectLayout
 from agents.encoder.token_states import TokenStore
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
@@ -217,11 +217,7 @@ def train_towers(
     """
     towers = build_towers(config, motions, layout)
     mirror = mirrored_concepts(captions.concepts)
-    # A relation to an object is one of few things that are true of few motions, and what a policy climbs.
-    related = np.array([":" in concept.name for concept in captions.concepts])
-    share = np.where(related, config.relation_share / max(related.sum(), 1), 0.0) if related.any() else 0.0
-    others = np.where(related, 0.0, 1.0 / max((~related).sum(), 1))
-    weights = share + others * (1.0 - config.relation_share if related.any() else 1.0)
+    weights = concept_weights(captions.concepts, config.relation_share)
     sampler = MotionSampler(motions, mirror, np.random.default_rng(config.seed + 1), layout, weights)
     caption_sampler = CaptionSampler(captions, np.random.default_rng(config.seed + 2))
     lessons = _Lessons(config, motions, sampler) if config.lessons else None

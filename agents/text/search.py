@@ -33,6 +33,8 @@ SETTLE_DECISIONS = 9
 """Decisions at the start that do not count: 1.5 s for getting from standing into the motion."""
 ELITE = 12
 """Candidates that survive a round."""
+FINALISTS = 4
+"""Candidates of each kind that are played by many humanoids at last: where objects stand at random, luck wins in few trials."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +99,9 @@ def try_candidates(
     alive_bonus: float,
     rng: np.random.Generator,
     decisions: int = TRIAL_DECISIONS,
+    all_humanoids: bool = False,
 ) -> None:
-    """Plays each candidate once from a standing start and adds what it earned to its rewards.
+    """Plays each candidate from a standing start and adds what it earned to its rewards.
 
     Args:
         env: A latent environment of n humanoids.
@@ -106,6 +109,7 @@ def try_candidates(
         alive_bonus: See :class:`Earnings`.
         rng: Draws the seeds of the start states.
         decisions: Length of the trial.
+        all_humanoids: Whether what the left-over humanoids earn counts, too, who repeat the first candidates.
     """
     columns = object_columns(env)
     for start in range(0, len(candidates), env.num_envs):
@@ -122,7 +126,7 @@ def try_candidates(
             ]
             observation, reward, terminated, _, _ = env.step(np.stack(actions))
             earnings.add(reward, terminated)
-        for candidate, earned in zip(chosen, earnings.means(), strict=False):
+        for candidate, earned in zip(players if all_humanoids else chosen, earnings.means(), strict=False):
             candidate.rewards.append(float(earned))
 
 
@@ -184,18 +188,33 @@ def search(
     played = [candidate for candidate in ranking if not candidate.held]
     held = [candidate for candidate in ranking if candidate.held] or best(library[:HELD_CANDIDATES], 1)
     steered: list[SteeredCandidate] = []
+    tried = len(population)
     if sees:
         doings = SteeredCandidates(latents, names, ranking[: 4 * ELITE], rng)
         steered = search_steered(env, doings, alive_bonus, rng, rounds, started + seconds)
-        curve.append(max(curve[-1], best(steered, 1, trials=2)[0].reward))
+        tried += len(steered)
+        steered = play_finals(env, best(steered, FINALISTS, trials=2), alive_bonus, rng)
+        held, played = (play_finals(env, kind[:FINALISTS], alive_bonus, rng) for kind in (held, played))
+        curve.append(steered[0].reward)
     return SearchResult(
         held[0],
         played[0] if played else None,
-        best(steered, 1, trials=2)[0] if steered else None,
+        steered[0] if steered else None,
         library_rewards,
-        len(population) + len(steered),
+        tried,
         curve,
     )
+
+
+def play_finals(
+    env: VectorEnv, finalists: Sequence[_Kind], alive_bonus: float, rng: np.random.Generator
+) -> list[_Kind]:
+    """A few candidates, best first, after every humanoid of the batch has played one of them for a whole episode."""
+    for finalist in finalists:
+        finalist.rewards.clear()  # what made them finalists was partly luck
+    if finalists:
+        try_candidates(env, finalists, alive_bonus, rng, LONG_TRIAL_DECISIONS, all_humanoids=True)
+    return best(finalists, len(finalists))
 
 
 def search_steered(

@@ -19,6 +19,8 @@ IMITATION_EPISODE = 60
 """Decisions of an episode that is imitated: 10 s."""
 IMITATION_SHARES = (0.0, 0.5)
 """Share of the decisions that the policy takes itself in each round of imitation."""
+STEERING_SHARES = (0.0, 0.5, 0.9, 0.9)
+"""The same where an object is walked to: what depends on its place has more to be learned."""
 IMITATION_STEPS = 300
 IMITATION_BATCH = 512
 MOST_FALLS = 0.75
@@ -69,7 +71,13 @@ def record(
     return np.concatenate(observations), np.concatenate(latents)
 
 
-def imitate(model: PPO, observations: FloatArray, latents: FloatArray, rng: np.random.Generator) -> float:
+def imitate(
+    model: PPO,
+    observations: FloatArray,
+    latents: FloatArray,
+    rng: np.random.Generator,
+    steps: int = IMITATION_STEPS,
+) -> float:
     """Fits the policy's mean action to latents by least squares.
 
     Args:
@@ -77,6 +85,7 @@ def imitate(model: PPO, observations: FloatArray, latents: FloatArray, rng: np.r
         observations: `(k, 283)`.
         latents: `(k, 64)`.
         rng: Draws minibatches.
+        steps: Gradient steps.
 
     Returns:
         Mean squared error, summed over the 64 numbers, in the last tenth of the steps.
@@ -86,14 +95,14 @@ def imitate(model: PPO, observations: FloatArray, latents: FloatArray, rng: np.r
     optimiser = torch.optim.Adam(mean.parameters(), lr=1e-3)
     inputs, wanted = torch.as_tensor(observations), torch.as_tensor(latents)
     errors = []
-    for _ in range(IMITATION_STEPS):
+    for _ in range(steps):
         rows = torch.as_tensor(rng.integers(len(inputs), size=IMITATION_BATCH))
         error = (mean(inputs[rows]) - wanted[rows]).square().sum(-1).mean()
         optimiser.zero_grad()
         error.backward()
         optimiser.step()
         errors.append(float(error.detach()))
-    return float(np.mean(errors[-IMITATION_STEPS // 10 :]))
+    return float(np.mean(errors[-steps // 10 :]))
 
 
 def policy_earnings(env: VectorEnv, model: PPO, alive_bonus: float, rng: np.random.Generator) -> Earnings:
@@ -144,10 +153,10 @@ def warm_start(
     if course is not None and course.reward > result.held.reward:
         recorded: list[tuple[FloatArray, FloatArray]] = []
         error = np.inf
-        for share in IMITATION_SHARES:
+        for share in STEERING_SHARES if course is result.steered else IMITATION_SHARES:
             recorded.append(record(env, course, model, share, rng))
             observations, wanted = (np.concatenate(arrays) for arrays in zip(*recorded, strict=True))
-            error = imitate(model, observations, wanted, rng)
+            error = imitate(model, observations, wanted, rng, IMITATION_STEPS * len(recorded))
         imitated = policy_earnings(env, model, alive_bonus, rng)
         falls = float(1.0 - imitated.alive.mean())
         report["imitation"] = {"reward_while_up": imitated.mean_while_up, "falls": falls, "squared_error": error}
