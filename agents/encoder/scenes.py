@@ -73,6 +73,13 @@ class ObjectLayout:
         start = self._starts[name] + 1
         return objects[:, start : start + self.sizes[name]]
 
+    def there(self, name: str, objects: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which second inputs `(n, size)` are of scenes with an object, `(n,)`; all of them if it is none of the layout's."""
+        if name not in self._starts:
+            return np.ones(len(objects), bool)
+        present: NDArray[np.bool_] = objects[:, self._starts[name]] > 0
+        return present
+
     @property
     def mirror_sign(self) -> NDArray[np.float32]:
         """Sign of each number in the mirror, `(size,)`; says nothing of objects that have sides."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from tqdm import tqdm
 
-from agents.encoder.captions import CaptionSet, joint_truth
+from agents.encoder.captions import Caption, CaptionSet, joint_truth
 from agents.encoder.config import EncoderConfig
 from agents.encoder.dataset import FILM_FRAMES, MotionSet
 from agents.encoder.material import mirrored_concepts
@@ -31,7 +32,9 @@ from motion_data.files import write_whole
 log = logging.getLogger(__name__)
 
 
-def grading_loss(similarity: Tensor, truth: Tensor, scale: Tensor, bias: Tensor) -> tuple[Tensor, Tensor]:
+def grading_loss(
+    similarity: Tensor, truth: Tensor, scale: Tensor, bias: Tensor, counted: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
     """How badly similarities grade.
 
     The first part is a sigmoid loss over all pairs of motion and caption (Zhai et al. 2023), with graded targets: no true
@@ -43,13 +46,17 @@ def grading_loss(similarity: Tensor, truth: Tensor, scale: Tensor, bias: Tensor)
         truth: from 0 to 1, `(n, c)`.
         scale: factor of the cosine in the logit.
         bias: offset of the logit.
+        counted: over which motions the correlation of each caption is taken, `(n, c)` of 0 and 1; all if None. For captions
+            about an object those of scenes with it: that it is there would else be most of what is learned.
 
     Returns:
         Both parts.
     """
     pairs = functional.binary_cross_entropy_with_logits(similarity * scale + bias, truth, weight=1.0 + 3.0 * truth)
-    centred = similarity - similarity.mean(0)
-    wanted = truth - truth.mean(0)
+    counted = torch.ones_like(truth) if counted is None else counted
+    number = counted.sum(0).clamp(min=1.0)
+    centred = (similarity - (similarity * counted).sum(0) / number) * counted
+    wanted = (truth - (truth * counted).sum(0) / number) * counted
     spread = wanted.norm(dim=0)
     correlation = (centred * wanted).sum(0) / (centred.norm(dim=0) * spread + 1e-4)
     counts = (spread > 0.5).float()
@@ -200,6 +207,20 @@ def widened(earlier: dict[str, Tensor], modules: nn.ModuleDict) -> dict[str, Ten
     return weights
 
 
+def about_what_is_there(
+    chosen: Sequence[Caption], captions: CaptionSet, objects: NDArray[np.float32], layout: ObjectLayout
+) -> NDArray[np.float32]:
+    """Which motions have the objects that captions speak of, `(n, c)` of 0 and 1; captions about none count everywhere."""
+    there = {name: layout.there(name, objects) for name in layout.names}
+    counted = np.ones((len(objects), len(chosen)), np.float32)
+    for column, caption in enumerate(chosen):
+        for concept in caption.concepts:
+            kind = captions.concepts[concept].name.partition(":")[0]
+            if kind in there:
+                counted[:, column] *= there[kind]
+    return counted
+
+
 def train_towers(
     config: EncoderConfig, motions: MotionSet, captions: CaptionSet, layout: ObjectLayout, tokens_path: Path
 ) -> Towers:
@@ -262,7 +283,8 @@ def train_towers(
             state = towers.state(torch.from_numpy(observations), torch.from_numpy(objects))
         state = state.float()
         text = features[0].float()
-        pairs, order = grading_loss(state @ text.T, truth, towers.logit["scale"], towers.logit["bias"])
+        counted = torch.from_numpy(about_what_is_there(chosen, captions, objects, layout))
+        pairs, order = grading_loss(state @ text.T, truth, towers.logit["scale"], towers.logit["bias"], counted)
         loss = pairs + order
         if lessons is not None:
             told = torch.cat(features[1:]).float()
