@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 SEARCH_SHARE = 0.2
 """Share of the training time after which the search begins no new round."""
+SEEING_SEARCH_SHARE = 0.4
+"""The same where an object is seen: most of what is learned there is learned by the search."""
 
 
 def train(config: TrainOptions) -> int:
@@ -88,6 +90,7 @@ def search_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
     """Lets the policy start from what earns most in the motion library; returns what the report says about it."""
     import gymnasium as gym
 
+    from agents.text.steering import object_columns
     from agents.text.warm_start import warm_start
 
     options = environment_options(config)
@@ -100,7 +103,7 @@ def search_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
         controller.clip_names,
         config.alive_bonus,
         config.seed,
-        SEARCH_SHARE * 60 * config.minutes,
+        (SEARCH_SHARE if object_columns(env) is None else SEEING_SEARCH_SHARE) * 60 * config.minutes,
     )
     env.close()
     return report
