@@ -101,6 +101,12 @@ def test_bad_input_is_named(encoder):
         encoder.encode_image(np.zeros((1, 8, 8, 3), np.float32))
 
 
+def test_threads_change_nothing():
+    observation = np.random.default_rng(0).normal(size=(64, 223)).astype(np.float32)
+    one, two = (load_encoder("bundled", num_threads=threads).encode_state(observation) for threads in (1, 2))
+    np.testing.assert_array_equal(one, two)
+
+
 def test_missing_files_are_named(tmp_path):
     with pytest.raises(EncoderError, match="anyskill encoder train"):
         load_encoder("bundled", folder=tmp_path)

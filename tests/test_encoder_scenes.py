@@ -6,7 +6,9 @@ from agents.encoder.concepts import CONCEPTS
 from agents.encoder.dataset import generate, join_sets
 from agents.encoder.measurements import WINDOW, Measurements
 from agents.encoder.relations import ObjectTrack, relation_concepts, relation_truth
-from agents.encoder.scenes import ObjectLayout
+from agents.encoder.rollouts import seeking_tracks
+from agents.encoder.scenes import ObjectLayout, favoured_clips, training_placements
+from anyskill_envs.controller import LowLevelController
 from anyskill_envs.objects import load_object
 from anyskill_envs.objects.scene import Scene
 from anyskill_envs.objects.state import object_states
@@ -100,3 +102,15 @@ def test_scenes_are_among_the_motions_and_can_be_left_out():
     assert motions.films.shape[2] == Scene(["ball"]).pose_size
     alone = join_sets(list(generate(authored_clips()[:6], concepts[:1], rng, 1, 4, 4)))
     assert alone.objects.shape[1] == 0 and (alone.scenes == -1).all() and alone.films.shape[2] == 35
+
+
+def test_in_some_scenes_the_object_is_sought():
+    layout = ObjectLayout(("ball",))
+    scene = layout.scenes["ball"]
+    controller = LowLevelController.load()
+    rng = np.random.default_rng(0)
+    places = training_placements(scene)[0]
+    poses, velocities = seeking_tracks(rng, 16, 150, controller, scene, places, favoured_clips("ball"))
+    assert poses.shape == (150, 16, 42) and velocities.shape == (150, 16, 40)
+    gap = np.linalg.norm(poses[..., :2] - poses[..., 35:37], axis=-1)
+    assert (gap.min(0) < 0.75 * gap[0]).mean() > 0.2  # others go sideways or backwards

@@ -7,12 +7,16 @@ pytest.importorskip("torch")
 
 import torch
 
+from agents.encoder.concepts import CONCEPTS
 from agents.encoder.config import EncoderConfig
 from agents.encoder.dataset import MotionSet, smooth_path
 from agents.encoder.free_sentences import read_sentences
 from agents.encoder.material import motion_library
+from agents.encoder.relations import relation_concepts
+from agents.encoder.sampling import concept_weights
 from agents.encoder.towers import grading_loss
 from agents.encoder.train import train
+from anyskill_envs.objects import load_object
 from motion_data.skeleton import rest_qpos
 from rewards.bundled import BundledEncoder
 
@@ -71,6 +75,24 @@ def test_grading_loss_is_least_for_similarities_that_grade():
     bad = sum(grading_loss((0.5 - truth) * 0.8, truth, torch.tensor(5.0), torch.tensor(0.0)))
     none = sum(grading_loss(torch.zeros(200, 7), truth, torch.tensor(5.0), torch.tensor(0.0)))
     assert good < none < bad
+
+
+def test_a_caption_about_an_object_is_graded_among_scenes_with_it():
+    """That nothing is true of a ball where there is none does not help: only the order beside a ball counts."""
+    beside, away = torch.tensor([[0.1], [0.2], [0.3], [0.9]]), torch.zeros(4, 1)
+    truth, there = torch.cat([beside, away]), torch.cat([torch.ones(4, 1), torch.zeros(4, 1)])
+    knows_of_the_ball = torch.cat([torch.full((4, 1), 0.5) - beside / 10, away])
+    scale, bias = torch.tensor(5.0), torch.tensor(0.0)
+    assert grading_loss(knows_of_the_ball, truth, scale, bias)[1] < 0.5
+    assert grading_loss(knows_of_the_ball, truth, scale, bias, there)[1] > 1.9
+    assert grading_loss(truth, truth, scale, bias, there)[1] < 1e-3
+
+
+def test_relations_have_a_share_of_their_own():
+    concepts = [*list(CONCEPTS.values())[:6], *relation_concepts([load_object("ball")])]
+    weights = concept_weights(concepts, 0.4)
+    assert weights.sum() == pytest.approx(1) and weights[6:].sum() == pytest.approx(0.4)
+    assert concept_weights(concepts[:6], 0.4) == pytest.approx(np.full(6, 1 / 6))
 
 
 def test_random_paths_stay_between_their_poses():
