@@ -108,7 +108,7 @@ class HumanoidSimulation:
 
     @property
     def batch(self) -> Batch:
-        """The native batch, for further bound fields and for rendering one humanoid."""
+        """The native batch of the physics. Fields that it derives from the state are one substep behind it, as in MuJoCo."""
         return self._batch
 
     @property
@@ -180,7 +180,7 @@ class HumanoidSimulation:
         self.refresh(ids)
 
     def refresh(self, ids: np.ndarray | None = None) -> None:
-        """Recomputes body positions and velocities after a write to ``qpos`` or ``qvel``."""
+        """Recomputes positions and velocities of bodies from the state, as after a write to ``qpos`` or ``qvel``."""
         if ids is None:
             self._kinematics.state[:] = self._batch.state
         else:
