@@ -31,6 +31,8 @@ def require_objects(reward: RewardFn, scene: Scene) -> None:
             "The reward looks at an object, but the scene of this environment has none: use an environment with one, "
             'such as HumanoidSoccer-v0, or name some: objects=["ball"].'
         )
+    for part in getattr(reward, "parts", {}).values():  # of a sum
+        require_objects(part, scene)
     named = getattr(reward, "object", None) if "objects" in reward.needs else None
     if named is not None and named not in scene.parts:
         raise ValueError(f"The reward looks at {named!r}, but the objects of the scene are: {', '.join(scene.parts)}.")

@@ -357,6 +357,9 @@ def test_a_reward_about_an_object_needs_one(controller_file):
         gym.make("HumanoidSoccer-v0", reward_kwargs={"object": "ball"}, **both)
     with pytest.raises(ValueError, match="'gate', but the objects of the scene are: ball, door"):
         gym.make("HumanoidSoccer-v0", reward_kwargs={"object": "gate"}, **both)
+    with pytest.raises(ValueError, match="hinge of an object, but ball "):
+        in_a_sum = {"reward": {"strike": 0.5, "open": 0.5}, "reward_kwargs": {"open": {"object": "ball"}}}
+        gym.make("HumanoidSoccer-v0", **both | in_a_sum)
     env = gym.make("HumanoidSoccer-v0", **both)  # the first object with a hinge counts
     env.reset(seed=0)
     assert "reward_open" in env.step(np.zeros(64, np.float32))[4]

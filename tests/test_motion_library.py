@@ -88,6 +88,7 @@ def test_imported_clips_join(tmp_path):
 def test_retrieval_walks_and_runs_and_neither_crawls_nor_turns_cartwheels(library):
     names = {clip.name for clip in select_clips(library, DEFAULT_SELECTION)}
     assert {"walk", "run", "jog", "walk_backward", "sidestep_left", "walk_in_a_curve_right", "stop_walking"} <= names
+    assert {"turn_on_the_spot_left", "turn_on_the_spot_right"} <= names
     assert not {"cartwheel", "cartwheel_mirrored", "roll", "crawl"} & names
 
 

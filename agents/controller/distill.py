@@ -80,6 +80,11 @@ class DistillConfig:
     )
     """How episodes run."""
 
+    @property
+    def first_rate(self) -> float:
+        """The learning rate with which this training begins."""
+        return self.later_rate if self.initial else self.learning_rate
+
 
 class DistillTrainer(Stage):
     """DAgger from a teacher to a :class:`Student`, resumable from its checkpoint.
@@ -95,8 +100,7 @@ class DistillTrainer(Stage):
         super().__init__(folder / "student.pt", config.minutes, config.seed, config.threads)
         self.config, self.teacher, self.motions = config, teacher, motions
         self.student = Student()
-        self._first_rate = config.later_rate if config.initial else config.learning_rate
-        self.optimizer = torch.optim.AdamW(self.student.parameters(), self._first_rate, weight_decay=1e-4, fused=True)
+        self.optimizer = torch.optim.AdamW(self.student.parameters(), config.first_rate, weight_decay=1e-4, fused=True)
         if self.checkpoint:
             self.student.load_state_dict(self.checkpoint["model"])
             self.optimizer.load_state_dict(self.checkpoint["optimizer"])
@@ -147,7 +151,7 @@ class DistillTrainer(Stage):
 
     def update(self) -> dict[str, float]:
         """One rollout and its gradient steps."""
-        rate = self._first_rate * max(0.03, 1 - self.seconds / self.budget)
+        rate = self.config.first_rate * max(0.03, 1 - self.seconds / self.budget)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         failures, loss = self._rollout(), self._learn()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,16 +94,15 @@ def controller_tracks(
 
     _begin(rng, simulation, clips, placements, rolling)
     latents = draw(count)
-    poses = np.empty((frames, count, simulation.pose_size))
-    velocities = np.empty((frames, count, simulation.qvel.shape[1]))
-    for frame in range(frames):
+
+    def drive(frame: int) -> FloatArray:
         renewed = np.flatnonzero(rng.random(count) < 0.04)
         latents[renewed] = draw(len(renewed))
-        poses[frame], velocities[frame] = simulation.poses, simulation.qvel
         if (bool(clips) if pushed is None else pushed) and frame % 10 == 0:
             _push(rng, simulation)
-        simulation.step(controller.act(simulation.observation(), latents.astype(np.float32)))
-    return poses, velocities
+        return latents
+
+    return _driven(simulation, controller, frames, drive)
 
 
 def seeking_tracks(
@@ -139,14 +138,26 @@ def seeking_tracks(
     doings = [candidate for candidate in library if any(part in candidate.name for part in favoured)]
     candidates = SteeredCandidates(controller.latents, controller.clip_names, doings or library, rng)
     seekers = [candidates.draw() for _ in range(count)]
-    latents = np.zeros((count, controller.latent_size), np.float32)
-    poses = np.empty((frames, count, simulation.pose_size))
-    velocities = np.empty((frames, count, simulation.qvel.shape[1]))
-    for frame in range(frames):
+    latents = np.zeros((count, controller.latent_size))
+
+    def drive(frame: int) -> FloatArray:
         if frame % CONTROLLER_STEPS == 0:
             places = object_vectors(simulation)[:, :2]
             decision = frame // CONTROLLER_STEPS
-            latents = np.stack([seeker.act(decision, places[[row]])[0] for row, seeker in enumerate(seekers)])
+            latents[:] = np.concatenate([seeker.act(decision, places[[row]]) for row, seeker in enumerate(seekers)])
+        return latents
+
+    return _driven(simulation, controller, frames, drive)
+
+
+def _driven(
+    simulation: HumanoidSimulation, controller: LowLevelController, frames: int, drive: Callable[[int], FloatArray]
+) -> Tracks:
+    """What the controller does with the latents `(n, 64)` that `drive` gives for each frame."""
+    poses = np.empty((frames, len(simulation), simulation.pose_size))
+    velocities = np.empty((frames, len(simulation), simulation.qvel.shape[1]))
+    for frame in range(frames):
+        latents = drive(frame)
         poses[frame], velocities[frame] = simulation.poses, simulation.qvel
         simulation.step(controller.act(simulation.observation(), latents.astype(np.float32)))
     return poses, velocities
@@ -177,5 +188,6 @@ def _begin(
     if rolling:
         direction = rng.uniform(-np.pi, np.pi, count)
         speed = rng.uniform(0.0, _ROLLING, count)
+        # The velocity of the object follows the 34 numbers of the humanoid.
         qvel[:, 34:36] = speed[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
     simulation.reset(np.arange(count), qpos, qvel)

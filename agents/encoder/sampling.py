@@ -38,7 +38,7 @@ class MotionSampler:
         mirror: index of each concept's mirror image.
         rng: all randomness.
         layout: objects that the motions' scenes hold.
-        weights: how often motions are drawn for the sake of each concept, `(concepts,)`; all alike if None.
+        weights: how often motions are drawn for the sake of each concept, see :func:`concept_weights`.
     """
 
     def __init__(
@@ -47,14 +47,13 @@ class MotionSampler:
         mirror: NDArray[np.int64],
         rng: np.random.Generator,
         layout: ObjectLayout,
-        weights: NDArray[np.float64] | None = None,
+        weights: NDArray[np.float64],
     ) -> None:
         self.motions = motions
         self.layout = layout
         self.mirror = mirror
         self.rng = rng
-        count = motions.truths.shape[1]
-        self._weights = np.full(count, 1.0 / count) if weights is None else weights
+        self._weights = weights
         self._fulfilling = [np.flatnonzero(column > 0.6) for column in motions.truths.T]
         velocities = [OBSERVATION_LAYOUT["body_linear_velocities"], OBSERVATION_LAYOUT["body_angular_velocities"]]
         self._noise = np.full(motions.observations.shape[1], 0.005, np.float32)

@@ -74,9 +74,7 @@ class ObjectLayout:
         return objects[:, start : start + self.sizes[name]]
 
     def there(self, name: str, objects: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which second inputs `(n, size)` are of scenes with an object, `(n,)`; all of them if it is none of the layout's."""
-        if name not in self._starts:
-            return np.ones(len(objects), bool)
+        """Which second inputs `(n, size)` are of scenes with this object, `(n,)`."""
         present: NDArray[np.bool_] = objects[:, self._starts[name]] > 0
         return present
 
@@ -93,7 +91,7 @@ class ObjectLayout:
         there = np.zeros(len(objects), bool)
         for name in self.names:
             if any(name.endswith(kind) for kind in _WITH_SIDES):
-                there |= objects[:, self._starts[name]] > 0
+                there |= self.there(name, objects)
         return ~there
 
 

@@ -42,19 +42,24 @@ class Candidate:
         """Mean over its trials."""
         return float(np.mean(self.rewards)) if self.rewards else -np.inf
 
-    def act(self, decision: int, places: FloatArray | None) -> FloatArray:
-        """The latent of a decision.
+    @property
+    def description(self) -> str:
+        """What it is, for reports."""
+        return self.name
+
+    def act(self, decision: int, places: FloatArray) -> FloatArray:
+        """The latents of a decision.
 
         Args:
             decision: Decisions since the start of the episode.
             places: Horizontal places of the object in the heading frames of n humanoids, `(n, 2)` metres, for candidates
-                that look at it; None if there is none.
+                that look at it; `(n, 0)` where there is none.
 
         Returns:
-            `(64,)`, or `(n, 64)` if it depends on the places.
+            `(n, 64)`.
         """
-        latent: FloatArray = self.latents[decision % len(self.latents)]
-        return latent
+        latent = self.latents[decision % len(self.latents)]
+        return np.broadcast_to(latent, (len(places), len(latent)))
 
 
 def unit(vectors: NDArray[np.floating]) -> FloatArray:

@@ -12,8 +12,9 @@ winner, and PPO makes it depend on the state and improves it. Only the environme
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from agents.text.candidates import HELD_CANDIDATES, Candidate, FloatArray, library_candidates, vary
-from agents.text.steering import SteeredCandidate, SteeredCandidates, object_columns
+from agents.text.steering import SteeredCandidate, SteeredCandidates, object_columns, sees_object
 
 _Kind = TypeVar("_Kind", bound=Candidate)
 
@@ -119,12 +120,9 @@ def try_candidates(
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
         earnings = Earnings(env.num_envs, alive_bonus)
         for decision in range(decisions):
-            places = None if columns is None else observation[:, columns]
-            actions = [
-                player.act(decision, None if places is None else places[[index]]).reshape(-1)
-                for index, player in enumerate(players)
-            ]
-            observation, reward, terminated, _, _ = env.step(np.stack(actions))
+            places = observation[:, columns]
+            actions = [player.act(decision, places[[index]]) for index, player in enumerate(players)]
+            observation, reward, terminated, _, _ = env.step(np.concatenate(actions))
             earnings.add(reward, terminated)
         for candidate, earned in zip(players if all_humanoids else chosen, earnings.means(), strict=False):
             candidate.rewards.append(float(earned))
@@ -171,27 +169,23 @@ def search(
     for candidate in best(library, len(library)):
         library_rewards.setdefault(candidate.name, candidate.reward)
     population = list(library)
-    curve = [best(population, 1, trials=2)[0].reward]
     # Where an object is seen, half of the time is for what looks at it.
-    sees = object_columns(env) is not None
-    for _ in range(rounds):
-        if time.monotonic() - started > (seconds / 2 if sees else seconds):
-            break
-        elite = best(population, ELITE, trials=2)
-        children = [vary(elite, rng) for _ in range(env.num_envs)]
-        try_candidates(env, children, alive_bonus, rng)
-        population += children
-        again = elite + best(children, max(env.num_envs - ELITE, 1))
-        try_candidates(env, again, alive_bonus, rng, LONG_TRIAL_DECISIONS)
-        curve.append(best(population, 1, trials=2)[0].reward)
+    sees = sees_object(env)
+    end = started + (seconds / 2 if sees else seconds)
+    curve = [best(population, 1, trials=2)[0].reward]
+    curve += refine(env, population, partial(vary, rng=rng), alive_bonus, rng, rounds, end, TRIAL_DECISIONS)
     ranking = best(population, len(population), trials=2)
     played = [candidate for candidate in ranking if not candidate.held]
     held = [candidate for candidate in ranking if candidate.held] or best(library[:HELD_CANDIDATES], 1)
     steered: list[SteeredCandidate] = []
     tried = len(population)
     if sees:
-        doings = SteeredCandidates(latents, names, ranking[: 4 * ELITE], rng)
-        steered = search_steered(env, doings, alive_bonus, rng, rounds, started + seconds)
+        candidates = SteeredCandidates(latents, names, ranking[: 4 * ELITE], rng)
+        steered = [candidates.draw() for _ in range(2 * env.num_envs)]
+        # Whole episodes from the start: it takes a while to get there.
+        try_candidates(env, steered, alive_bonus, rng, LONG_TRIAL_DECISIONS)
+        try_candidates(env, best(steered, env.num_envs), alive_bonus, rng, LONG_TRIAL_DECISIONS)
+        refine(env, steered, candidates.vary, alive_bonus, rng, rounds, started + seconds, LONG_TRIAL_DECISIONS)
         tried += len(steered)
         steered = play_finals(env, best(steered, FINALISTS, trials=2), alive_bonus, rng)
         held, played = (play_finals(env, kind[:FINALISTS], alive_bonus, rng) for kind in (held, played))
@@ -217,46 +211,50 @@ def play_finals(
     return best(finalists, len(finalists))
 
 
-def search_steered(
+def refine(
     env: VectorEnv,
-    candidates: SteeredCandidates,
+    population: list[_Kind],
+    child: Callable[[Sequence[_Kind]], _Kind],
     alive_bonus: float,
     rng: np.random.Generator,
     rounds: int,
     end: float,
-) -> list[SteeredCandidate]:
-    """Finds candidates that look at an object; all that were tried.
+    decisions: int,
+) -> list[float]:
+    """Adds to a population in rounds: children of the best are tried, and the best of these again for a whole episode.
 
     Args:
-        env: A latent environment of n humanoids with an object.
-        candidates: Draws and varies them.
+        env: A latent environment of n humanoids; a round has n children.
+        population: Candidates that were tried; the elite of a round are those that were tried twice.
+        child: Makes a candidate of the elite.
         alive_bonus: See :class:`Earnings`.
         rng: Draws start states.
-        rounds: Rounds of variation.
+        rounds: How many.
         end: No new round begins after this time, as `time.monotonic` tells it.
+        decisions: Length of a child's first trial.
+
+    Returns:
+        The best mean reward after each round.
     """
-    # Whole episodes: it takes a while to get there.
-    population = [candidates.draw() for _ in range(2 * env.num_envs)]
-    try_candidates(env, population, alive_bonus, rng, LONG_TRIAL_DECISIONS)
-    try_candidates(env, best(population, env.num_envs), alive_bonus, rng, LONG_TRIAL_DECISIONS)
+    curve = []
     for _ in range(rounds):
         if time.monotonic() > end:
             break
         elite = best(population, ELITE, trials=2)
-        children = [candidates.vary(elite) for _ in range(env.num_envs)]
-        try_candidates(env, children, alive_bonus, rng, LONG_TRIAL_DECISIONS)
+        children = [child(elite) for _ in range(env.num_envs)]
+        try_candidates(env, children, alive_bonus, rng, decisions)
         population += children
         again = elite + best(children, max(env.num_envs - ELITE, 1))
         try_candidates(env, again, alive_bonus, rng, LONG_TRIAL_DECISIONS)
-    return population
+        curve.append(best(population, 1, trials=2)[0].reward)
+    return curve
 
 
 def summary(result: SearchResult) -> dict[str, Any]:
     """What a report says about the search: JSON values without the latents themselves."""
+    kinds = {"held": result.held, "played": result.played, "steered": result.steered}
     return {
-        "held": {"clip": result.held.name, "reward": result.held.reward},
-        "played": None if result.played is None else {"clip": result.played.name, "reward": result.played.reward},
-        "steered": None if result.steered is None else {"clip": result.steered.name, "reward": result.steered.reward},
+        **{kind: one and {"clip": one.description, "reward": one.reward} for kind, one in kinds.items()},
         "tried": result.tried,
         "curve": result.curve,
         "best_of_library": dict(list(result.library_rewards.items())[:5]),

@@ -32,40 +32,44 @@ _EXCHANGED = 0.3  # share of the variations with another random part
 
 @dataclass(kw_only=True)
 class SteeredCandidate(Candidate):
-    """Plays `latents`, turned towards the object, until it is within reach, and `near` from then on.
+    """Plays its latents, turned towards the object, until it is within reach, and another candidate from then on.
 
     Attributes:
-        near: Sequence that is played within reach, `(M, 64)`.
+        doing: What is played within reach.
         turn: What is added to a latent per radian to the left in which the object is seen, up to one radian, `(64,)`.
         reach: Distance in metres.
     """
 
-    near: FloatArray
+    doing: Candidate
     turn: FloatArray
     reach: float
 
     @property
-    def held(self) -> bool:
-        """It is never one latent."""
-        return False
+    def description(self) -> str:
+        """How it goes to the object, and what it does there."""
+        return f"{self.name} to it, {self.doing.description}"
 
-    def act(self, decision: int, places: FloatArray | None) -> FloatArray:
+    def act(self, decision: int, places: FloatArray) -> FloatArray:
         """Latents `(n, 64)` for objects at `(n, 2)` in the heading frame."""
-        assert places is not None
         bearing = np.clip(np.arctan2(places[:, 1], places[:, 0]), -1.0, 1.0)
-        far = unit(self.latents[decision % len(self.latents)] + bearing[:, None] * self.turn)
+        far = unit(super().act(decision, places) + bearing[:, None] * self.turn)
         within = np.linalg.norm(places, axis=1, keepdims=True) < self.reach
-        return np.where(within, self.near[decision % len(self.near)], far)
+        return np.where(within, self.doing.act(decision, places), far)
 
 
-def object_columns(env: VectorEnv) -> slice | None:
-    """Where the observation has the horizontal place of the first object; None if there is none or it is not observed."""
+def object_columns(env: VectorEnv) -> slice:
+    """Where the observation has the horizontal place of the first object; empty if there is none or it is not observed."""
     unwrapped: Any = env.unwrapped
     scene = getattr(unwrapped, "scene", None)
     if not scene or not unwrapped.object_observation:
-        return None
+        return slice(0, 0)
     place = observation_layout(scene).get(f"{next(iter(scene.parts))}.position")
-    return None if place is None else slice(OBSERVATION_SIZE + place.start, OBSERVATION_SIZE + place.start + 2)
+    return slice(0, 0) if place is None else slice(OBSERVATION_SIZE + place.start, OBSERVATION_SIZE + place.start + 2)
+
+
+def sees_object(env: VectorEnv) -> bool:
+    """Whether the observation tells where an object is."""
+    return object_columns(env).stop > 0
 
 
 class SteeredCandidates:
@@ -113,8 +117,8 @@ class SteeredCandidates:
         doing = self._doings[int(len(self._doings) * self._rng.uniform() ** 2)]
         return SteeredCandidate(
             latents=unit(self._latents[[index]]),
-            name=f"{self._names[index]} to it, {doing.name}",
-            near=doing.latents,
+            name=str(self._names[index]),
+            doing=doing,
             turn=turn,
             reach=float(self._rng.uniform(*REACH)),
         )
@@ -126,11 +130,11 @@ class SteeredCandidates:
         other = self.draw() if rng.uniform() < _EXCHANGED else second
         taken = rng.uniform(size=4) < 0.5
         size = self._latents.shape[1]
-        going, doing = (other if taken[0] else first), (other if taken[1] else first)
+        going, doing = (other if taken[0] else first), (other if taken[1] else first).doing
         return SteeredCandidate(
             latents=unit(going.latents + rng.normal(0.0, SPREAD, size)),
-            name=f"{going.name.split(' to it, ')[0]} to it, {doing.name.split(' to it, ')[1]}",
-            near=unit(doing.near + rng.normal(0.0, SPREAD, size)),
+            name=going.name,
+            doing=Candidate(unit(doing.latents + rng.normal(0.0, SPREAD, size)), doing.name),
             turn=(other if taken[2] else first).turn * np.float32(np.exp(rng.normal(0.0, 0.3))),
             reach=float((other if taken[3] else first).reach * np.exp(rng.normal(0.0, 0.2))),
         )

@@ -90,7 +90,7 @@ def search_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
     """Lets the policy start from what earns most in the motion library; returns what the report says about it."""
     import gymnasium as gym
 
-    from agents.text.steering import object_columns
+    from agents.text.steering import sees_object
     from agents.text.warm_start import warm_start
 
     options = environment_options(config)
@@ -103,7 +103,7 @@ def search_start(config: TrainConfig, model: PPO) -> dict[str, Any]:
         controller.clip_names,
         config.alive_bonus,
         config.seed,
-        (SEARCH_SHARE if object_columns(env) is None else SEEING_SEARCH_SHARE) * 60 * config.minutes,
+        (SEEING_SEARCH_SHARE if sees_object(env) else SEARCH_SHARE) * 60 * config.minutes,
     )
     env.close()
     return report

@@ -17,11 +17,11 @@ from agents.text.steering import object_columns
 
 IMITATION_EPISODE = 60
 """Decisions of an episode that is imitated: 10 s."""
-IMITATION_SHARES = (0.0, 0.5)
-"""Share of the decisions that the policy takes itself in each round of imitation."""
-STEERING_SHARES = (0.0, 0.5, 0.9, 0.9)
-"""The same where an object is walked to: what depends on its place has more to be learned."""
+IMITATION_SHARES = {"played": (0.0, 0.5), "steered": (0.0, 0.5, 0.9, 0.9)}
+"""Share of the decisions that the policy takes itself in each round of imitation, by what is imitated: where an object is
+walked to, what depends on its place has more to be learned."""
 IMITATION_STEPS = 300
+"""Gradient steps of the first round; each later round has as many more, as it has more to learn from."""
 IMITATION_BATCH = 512
 MOST_FALLS = 0.75
 """Share of episodes with a fall up to which a policy starts from an imitation."""
@@ -57,8 +57,7 @@ def record(
     columns = object_columns(env)
     for decision in range(IMITATION_EPISODE):
         timed = with_clock(observation, decision)
-        latent = candidate.act(decision, None if columns is None else observation[:, columns])
-        latent = np.broadcast_to(latent, (env.num_envs, latent.shape[-1]))
+        latent = candidate.act(decision, observation[:, columns])
         observations.append(timed[alive])
         latents.append(latent[alive])
         own, _ = model.predict(timed, deterministic=True)
@@ -147,13 +146,13 @@ def warm_start(
     result = search(env, latents, names, alive_bonus, rng, seconds=seconds)
     report = summary(result)
     start, reward = "held", result.held.reward
-    courses = [candidate for candidate in (result.played, result.steered) if candidate is not None]
-    course = max(courses, key=lambda candidate: candidate.reward, default=None)
+    courses = {"played": result.played, "steered": result.steered}
+    kind, course = max(courses.items(), key=lambda item: item[1].reward if item[1] else -np.inf)
     untrained = {name: value.clone() for name, value in model.policy.state_dict().items()}
     if course is not None and course.reward > result.held.reward:
         recorded: list[tuple[FloatArray, FloatArray]] = []
         error = np.inf
-        for share in STEERING_SHARES if course is result.steered else IMITATION_SHARES:
+        for share in IMITATION_SHARES[kind]:
             recorded.append(record(env, course, model, share, rng))
             observations, wanted = (np.concatenate(arrays) for arrays in zip(*recorded, strict=True))
             error = imitate(model, observations, wanted, rng, IMITATION_STEPS * len(recorded))
@@ -161,8 +160,7 @@ def warm_start(
         falls = float(1.0 - imitated.alive.mean())
         report["imitation"] = {"reward_while_up": imitated.mean_while_up, "falls": falls, "squared_error": error}
         if imitated.mean_while_up > result.held.reward and falls <= MOST_FALLS:
-            start = "steered" if course is result.steered else "played"
-            reward = float(imitated.means().mean())
+            start, reward = kind, float(imitated.means().mean())
         else:
             model.policy.load_state_dict(untrained)
     if start == "held":
