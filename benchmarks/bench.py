@@ -3,6 +3,7 @@
 All speeds are controller steps (1/30 s of one humanoid) per second of wall time:
 
 - physics: the native batch steps the same MJCF through the same PD targets and does nothing else,
+- controller: its calls for the whole batch, without physics,
 - environment: HumanoidLatent-v0 from `gym.make_vec`, controller, observations, rewards and endings included,
 - subprocesses: Stable-Baselines3's `SubprocVecEnv` of the single HumanoidLatent-v0, at the better number of processes,
 - HumanoidSoccer-v0 and the other scenes: the environment with its text reward against bare physics of the same scene,
@@ -26,7 +27,12 @@ from anyskill_envs.latent import HumanoidLatentVectorEnv
 from anyskill_envs.simulation import CONTROLLER_STEPS, PHYSICS_STEPS
 
 SCENES = ("HumanoidSoccer-v0", "HumanoidDoor-v0", "HumanoidChair-v0", "HumanoidPillar-v0")
-BARS = {"environment / physics": 0.6, "environment / subprocesses": 3.0, "training": 3000.0}
+BARS = {
+    "controller / physics": 5.0,
+    "environment / physics": 0.8,
+    "environment / subprocesses": 3.0,
+    "training": 3000.0,
+}
 BARS |= {f"{scene} / physics": 0.7 for scene in SCENES}
 
 
@@ -96,6 +102,17 @@ class Environment:
                 self.envs.step(self.actions)
 
         return self.envs.num_envs * self.decisions * CONTROLLER_STEPS / seconds(run)
+
+    def controller_speed(self) -> float:
+        """Controller steps per second of the controller alone."""
+        controller, observation = self.envs.decoder.controller, self.envs.proprioception
+        commands = self.envs.decoder.commands(self.actions)
+
+        def run() -> None:
+            for _ in self.targets:
+                controller.act(observation, commands)
+
+        return self.envs.num_envs * len(self.targets) / seconds(run)
 
 
 class Physics:
@@ -179,8 +196,12 @@ def measure(options: Options) -> dict[str, float]:
     """All speeds and ratios."""
     environment = Environment(options)
     pairs = in_turns(environment, options)
+    physics = statistics.median(first for first, _ in pairs)
+    controller = statistics.median(environment.controller_speed() for _ in range(options.rounds))
     results = {
-        "physics": statistics.median(first for first, _ in pairs),
+        "physics": physics,
+        "controller": controller,
+        "controller / physics": controller / physics,
         "environment": statistics.median(second for _, second in pairs),
         "environment / physics": statistics.median(second / first for first, second in pairs),
     }
