@@ -21,8 +21,8 @@ from agents.encoder.config import EncoderConfig
 from agents.encoder.dataset import FILM_FRAMES, MotionSet
 from agents.encoder.material import mirrored_concepts
 from agents.encoder.networks import StateTower, TextHead
-from agents.encoder.posecodes.grading import CodeChooser, grade
-from agents.encoder.posecodes.lessons import write_lessons, write_phrases
+from agents.encoder.posecodes.grading import CodeChooser, grade, opposites
+from agents.encoder.posecodes.lessons import compose, with_one_wrong, write_lessons, write_phrases
 from agents.encoder.sampling import CaptionSampler, MotionSampler, concept_weights
 from agents.encoder.scenes import ObjectLayout
 from agents.encoder.token_states import TokenStore
@@ -124,6 +124,7 @@ class _Lessons:
         rows = sampler.index(config.lessons)
         self.lessons = write_lessons(self.chooser, rows, sampler.turned(rows), self.rng)
         self.phrases = write_phrases(self.rng)
+        self.confused = opposites()
 
     @property
     def texts(self) -> list[str]:
@@ -137,25 +138,53 @@ class _Lessons:
         other = self.sampler.index(self.size)
         rows = np.concatenate([[one.row for one in chosen], other]).astype(np.int64)
         turned = np.concatenate([[one.turned for one in chosen], self.sampler.turned(other)]).astype(bool)
-        facts = self.chooser.choose(self.chooser.of(other, turned[self.size :]))
-        facts = [one or (0,) for one in facts]
-        composed = [[str(self.rng.choice(self.phrases[fact])) for fact in one] for one in facts]
-        told = (
-            [[one.text] for one in chosen] + [[one.other_text] for one in chosen] + [[one.wrong_text] for one in chosen]
-        )
-        demands = [one.facts for one in chosen] * 2 + [one.wrong_facts for one in chosen] + facts
-        differs = np.array([one.wrong_facts != one.facts for one in chosen])
-        return _LessonBatch(told, composed, demands, differs), rows, turned
+        grades = self.chooser.of(other, turned[self.size :])
+        facts = [one or (0,) for one in self.chooser.choose(grades)]
+        wrong = [with_one_wrong(one, grade, self.confused, self.rng) for one, grade in zip(facts, grades, strict=True)]
+        right_words = [compose(one, self.phrases, self.rng) for one in facts]
+        other_words = [compose(one, self.phrases, self.rng) for one in facts]
+        wrong_words = [compose(one, self.phrases, self.rng, like) for one, like in zip(wrong, right_words, strict=True)]
+        told = [
+            [[one.text] for one in chosen],
+            [[one.other_text] for one in chosen],
+            [[one.wrong_text] for one in chosen],
+        ]
+        composed = [
+            [
+                [self.phrases[fact][word] for fact, word in zip(*one, strict=True)]
+                for one in zip(said, words, strict=True)
+            ]
+            for said, words in ((facts, right_words), (facts, other_words), (wrong, wrong_words))
+        ]
+        true_facts = [one.facts for one in chosen] + facts
+        wrong_facts = [one.wrong_facts for one in chosen] + wrong
+        differs = np.array([one != other for one, other in zip(true_facts, wrong_facts, strict=True)])
+        return _LessonBatch(told, composed, true_facts * 2 + wrong_facts, differs), rows, turned
 
 
 @dataclass(frozen=True)
 class _LessonBatch:
-    """Captions of one step: texts of `told`, phrases of `composed`, and which facts both demand, in this order."""
+    """Captions of one step, told as a whole and composed of phrases: right ones, the same in other words, wrong ones.
 
-    told: list[list[str]]
-    composed: list[list[str]]
+    `demands` are the facts of the right ones of both kinds, of those in other words, of the wrong ones; `differs` says
+    for which there is a wrong one.
+    """
+
+    told: list[list[list[str]]]
+    composed: list[list[list[str]]]
     demands: list[tuple[int, ...]]
     differs: NDArray[np.bool_]
+
+    @property
+    def parts(self) -> list[list[list[str]]]:
+        """All told captions, then all composed ones."""
+        return [sum(self.told, []), sum(self.composed, [])]
+
+    @staticmethod
+    def ordered(told: Tensor, composed: Tensor) -> Tensor:
+        """Features of :attr:`parts` in the order of `demands`."""
+        size = len(told) // 3
+        return torch.cat([told.reshape(3, size, -1), composed.reshape(3, size, -1)], dim=1).flatten(0, 1)
 
 
 def lesson_loss(similarity: Tensor, truth: Tensor, text: Tensor, differs: Tensor, scale: Tensor) -> Tensor:
@@ -166,10 +195,10 @@ def lesson_loss(similarity: Tensor, truth: Tensor, text: Tensor, differs: Tensor
     wordings of the same facts have one feature. The caption with one fact wrong is further from its motion than the right one.
 
     Args:
-        similarity: cosines, `(n, c)`; captions: k right ones, k in other words, k wrong ones, and further ones. The last n
-            motions begin with those of the k lessons.
-        truth: `(n, c)`.
-        text: features of the captions, `(c, d)`.
+        similarity: cosines, `(n, 3 k)`; captions: k right ones, k in other words, k wrong ones. The last k motions are
+            those that they are about.
+        truth: `(n, 3 k)`.
+        text: features of the captions, `(3 k, d)`.
         differs: for which lessons there is a wrong one, `(k,)`.
         scale: factor of the cosine in the softmax.
     """
@@ -181,9 +210,9 @@ def lesson_loss(similarity: Tensor, truth: Tensor, text: Tensor, differs: Tensor
     least = -(target * torch.log(target + 1e-12)).sum(0)
     retrieval = ((found - least) * weight).sum() / weight.sum().clamp(min=1.0)
     same = 1.0 - (text[:count] * text[count : 2 * count]).sum(1).mean()
-    own = len(similarity) - (similarity.shape[1] - 2 * count)
     rows = torch.arange(count)
-    right, wrong = similarity[own + rows, rows], similarity[own + rows, 2 * count + rows]
+    own = len(similarity) - count + rows
+    right, wrong = similarity[own, rows], similarity[own, 2 * count + rows]
     margin = functional.softplus(15.0 * (wrong - right) + 1.0)
     told_apart = (margin * differs).sum() / differs.sum().clamp(min=1.0)
     return 0.4 * retrieval + 0.5 * same + 0.3 * told_apart
@@ -269,7 +298,7 @@ def train_towers(
         if lessons is not None:
             lesson, rows, mirrored = lessons.draw()
             index, turned = np.concatenate([index, rows]), np.concatenate([turned, mirrored])
-            parts += [lesson.told, lesson.composed]
+            parts += lesson.parts
         observations, objects, truths = sampler.take(index, turned)
         truth = torch.from_numpy(captions.truth(chosen, truths))
         with torch.autocast("cpu", dtype=torch.bfloat16):
@@ -287,7 +316,7 @@ def train_towers(
         pairs, order = grading_loss(state @ text.T, truth, towers.logit["scale"], towers.logit["bias"], counted)
         loss = pairs + order
         if lessons is not None:
-            told = torch.cat(features[1:]).float()
+            told = lesson.ordered(*features[1:]).float()
             facts = torch.from_numpy(joint_truth(lesson.demands, lessons.chooser.of(index, turned)))
             similarity = state @ told.T
             fact_pairs, fact_order = grading_loss(similarity, facts, towers.logit["scale"], towers.logit["bias"])

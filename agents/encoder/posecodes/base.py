@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from agents.encoder.measurements import SIDES, Array, Measurements
+from agents.encoder.posecodes.wordings import further_wordings
 
 Rule = Callable[[Measurements], Array]
 SidedRule = Callable[[Measurements, str, str], Array]
@@ -70,7 +71,13 @@ def plural(noun: str) -> str:
 def _add(code: Posecode) -> None:
     if code.name in POSECODES:
         raise ValueError(f"There are two posecodes {code.name!r}.")
-    POSECODES[code.name] = code
+    written = further_wordings(code.name)
+    POSECODES[code.name] = replace(
+        code,
+        nominals=code.nominals + written.nominals,
+        clauses=code.clauses + written.clauses,
+        imperatives=code.imperatives + written.imperatives,
+    )
 
 
 def _add_sides(

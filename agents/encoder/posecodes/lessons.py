@@ -57,7 +57,7 @@ def write_lessons(
             continue
         seed = int(rng.integers(2**31))
         text = describe([CODES[fact] for fact in facts], np.random.default_rng(seed))
-        wrong = _with_one_wrong(facts, grades[place], confused, rng)
+        wrong = with_one_wrong(facts, grades[place], confused, rng)
         lessons.append(
             Lesson(
                 int(rows[place]),
@@ -72,9 +72,17 @@ def write_lessons(
     return lessons
 
 
-def _with_one_wrong(
+def with_one_wrong(
     facts: tuple[int, ...], grades: NDArray[np.float32], confused: Sequence[Sequence[int]], rng: np.random.Generator
 ) -> tuple[int, ...]:
+    """Facts with one exchanged for one that is false; the same ones if none of those that they are confused with is.
+
+    Args:
+        facts: indices of posecodes.
+        grades: how far each posecode is true of the motion, `(codes,)`.
+        confused: with which others each is confused, see :func:`agents.encoder.posecodes.grading.opposites`.
+        rng: draws which one is exchanged, and for what.
+    """
     for place in rng.permutation(len(facts)):
         false = [other for other in confused[facts[place]] if grades[other] <= _FALSE]
         if false:
@@ -84,6 +92,32 @@ def _with_one_wrong(
     return facts
 
 
-def write_phrases(rng: np.random.Generator, each: int = 12) -> list[list[str]]:
-    """For each posecode some phrases, of which captions are composed while training."""
-    return [sorted({phrase(code, rng) for _ in range(each)}) for code in CODES]
+def write_phrases(rng: np.random.Generator, each: int = 48) -> list[list[str]]:
+    """For each posecode some phrases, of which captions are composed while training.
+
+    Those of a posecode and of its mirror image are the same in the same order, but for the sides.
+    """
+    seeds: dict[str, int] = {}
+    written = []
+    for code in CODES:
+        seed = seeds.setdefault(code.stem, int(rng.integers(2**31)))
+        drawn = np.random.default_rng(seed)
+        written.append(list(dict.fromkeys(phrase(code, drawn) for _ in range(each))))
+    return written
+
+
+def compose(
+    facts: Sequence[int], phrases: Sequence[Sequence[str]], rng: np.random.Generator, like: Sequence[int] | None = None
+) -> list[int]:
+    """Which phrase of each fact is said.
+
+    Args:
+        facts: indices of posecodes.
+        phrases: of each posecode, see :func:`write_phrases`.
+        rng: draws them.
+        like: places of the phrases in a caption from which this one differs in facts: a fact of the same place is said
+            in the same words.
+    """
+    if like is None:
+        return [int(rng.integers(len(phrases[fact]))) for fact in facts]
+    return [place % len(phrases[fact]) for place, fact in zip(like, facts, strict=True)]

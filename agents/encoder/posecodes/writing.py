@@ -33,6 +33,8 @@ _OWNERS = ("your", "its", "their", "his", "her", "the", "the", "the")
 _HOLDING = ("keep", "hold", "have", "leave")
 _BEING = ("is", "is", "is", "stays", "remains")
 _BEING_MANY = ("are", "are", "are", "stay", "remain")
+_WRITTEN = 0.7
+"""How often a whole wording is taken where a subject and a state could be put together as well."""
 _LIMB = re.compile(r"\bthe (left|right|other)\b")
 
 
@@ -47,7 +49,7 @@ def _article(code: Posecode, subject: str, owner: str) -> str:
 
 def nominal(code: Posecode, rng: np.random.Generator) -> str:
     """A noun phrase that can follow "with": "the left elbow bent", "a forward lean"."""
-    if code.nominals:
+    if code.nominals and (not code.states or rng.random() < _WRITTEN):
         return _pick(rng, code.nominals)
     subject, state = _pick(rng, code.subjects), _pick(rng, code.states)
     return f"{_article(code, subject, _pick(rng, ('the', 'the', 'a', '')))} {state}".strip().replace("a both", "both")
@@ -55,7 +57,7 @@ def nominal(code: Posecode, rng: np.random.Generator) -> str:
 
 def clause(code: Posecode, rng: np.random.Generator) -> str:
     """A sentence without its full stop: "the left elbow is bent"."""
-    if code.clauses and (not code.states or rng.random() < 0.4):
+    if code.clauses and (not code.states or rng.random() < _WRITTEN):
         return _pick(rng, code.clauses)
     if not code.states:
         return f"{_pick(rng, _PRONOUNS)} has {nominal(code, rng)}"
