@@ -11,6 +11,7 @@ from agents.encoder.networks import StateTower
 from agents.encoder.posecodes import POSECODES
 from agents.encoder.posecodes.grading import CODES, CodeChooser, grade, opposites, partners
 from agents.encoder.posecodes.lessons import write_lessons, write_phrases
+from agents.encoder.posecodes.wordings import FurtherWordings, check_stems, further_wordings
 from agents.encoder.posecodes.writing import describe
 from agents.encoder.token_states import TokenStore
 from agents.encoder.towers import widened
@@ -99,6 +100,42 @@ def test_every_posecode_has_many_wordings() -> None:
         if code.name.endswith((".left", ".right")):
             assert all("left" in text or "right" in text for text in said), code.name
     assert all(index not in others for index, others in enumerate(opposites()))
+
+
+def test_phrases_of_a_mirror_image_are_the_same_but_for_the_sides() -> None:
+    """So a composed caption and its wrong twin can differ in the side alone."""
+    phrases = write_phrases(np.random.default_rng(0), 20)
+    for index, other in enumerate(partners()):
+        if index == other:
+            continue
+        assert [swap_sides(text).replace("left angle", "right angle") for text in phrases[index]] == phrases[other]
+
+
+def test_further_wordings_become_parts_of_their_posecode() -> None:
+    """Sides are filled in; those about both limbs are sorted by what they are."""
+    code = POSECODES["elbow_straight.left"]
+    written = further_wordings(code.name)
+    assert len(written.nominals) >= 12 and set(written.nominals) <= set(code.nominals)
+    assert all("left" in text or "right" in text for text in written.nominals + written.clauses + written.imperatives)
+    both = further_wordings("elbow_straight.both")
+    assert all(" is " in f" {text} " or " are " in text or " has " in text or " have " in text for text in both.clauses)
+    assert further_wordings("elbow_straight.one") == FurtherWordings()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("elbow_straight:\n  nouns: an arm\n", "nouns"),
+        ("elbow_straight:\n  nominals: the {side} arm\n  clauses: it is straight\n", "names no side"),
+        ("elbow_of_a_fish:\n  nominals: the {side} fin\n", "there is no posecode elbow_of_a_fish"),
+    ],
+)
+def test_a_wrong_file_of_wordings_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "wordings.yaml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        further_wordings("elbow_straight.left", path)
+        check_stems({code.stem for code in CODES}, path)
 
 
 def test_wider_towers_begin_with_what_narrower_ones_compute() -> None:

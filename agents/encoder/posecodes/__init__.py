@@ -6,6 +6,9 @@ from agents.encoder.posecodes import limbs, places, body, movements  # noqa: F40
 
 # isort: on
 from agents.encoder.posecodes.base import POSECODES, Posecode
+from agents.encoder.posecodes.wordings import check_stems
+
+check_stems({code.stem for code in POSECODES.values()})
 
 __all__ = ["POSECODES", "Posecode"]
 """All posecodes by name, and their type."""

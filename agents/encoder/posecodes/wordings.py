@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -51,9 +52,19 @@ def further_wordings(name: str, path: Path = WORDINGS) -> FurtherWordings:
     return FurtherWordings(*parts)
 
 
-def wording_stems(path: Path = WORDINGS) -> tuple[str, ...]:
-    """Names, without side, of the posecodes that the file speaks of."""
-    return tuple(_read(path))
+def check_stems(stems: Collection[str], path: Path = WORDINGS) -> None:
+    """Makes sure that the file speaks of posecodes that exist.
+
+    Args:
+        stems: their names without side.
+        path: the file.
+
+    Raises:
+        ValueError: there is a wording of something else.
+    """
+    unknown = [stem for stem in _read(path) if stem not in stems]
+    if unknown:
+        raise ValueError(f"{path.name}: there is no posecode {unknown[0]}; name one of {', '.join(sorted(stems))}.")
 
 
 @cache
