@@ -14,6 +14,7 @@ WANTED_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 
 _SECONDS, _SKIPPED = 4.0, 1.0  # the first second is not measured: the start state has a speed of its own
 _EVERY = 10  # controller steps between the windows whose latents are tried
+_STRAIGHT = 10.0  # degrees/s
 _AIMED = 0.8  # share of the speed that must point in a direction for a latent to count as leading there
 
 
@@ -42,7 +43,8 @@ def evaluate_steering(controller: Controller, encoder: Encoder, motions: Referen
     Returns:
         ``fastest``: for ``forward``, ``backward``, ``left``, ``right`` (m/s) and ``turn_left``, ``turn_right``
         (degrees/s) the highest ``speed`` of a latent under which the humanoid did not fall, and its ``clip`` (0, "" if none);
-        ``nearest_forward``: for each of :data:`WANTED_SPEEDS` the nearest forward speed of a latent, and ``largest_gap``,
+        ``nearest_forward``: for each of :data:`WANTED_SPEEDS` the nearest forward speed of a latent, those half-way
+        between the windows of two clips of neighbouring speed included, and ``largest_gap``,
         how far the worst of them is off; ``clips``: by clip the mean ``forward``, ``leftward``, ``turn_left`` over its
         latents (of those without a fall), the same of the reference, and ``falls``.
     """
@@ -50,16 +52,8 @@ def evaluate_steering(controller: Controller, encoder: Encoder, motions: Referen
     if not len(frames):
         return {"fastest": {}, "nearest_forward": {}, "largest_gap": None, "clips": {}}
     clips = motions.clip_of_frame[frames]
-    simulation = start(motions, frames, np.random.default_rng(0))
-    latent_at = held(encoder.encode(motions.windows(frames)))
-    record = []
-
-    def note(step: int) -> None:
-        if step >= round(_SKIPPED * FRAME_RATE):
-            record.append(np.column_stack([simulation.qpos[:, :2], heading(simulation.qpos[:, 3:7])]))
-
-    fell = falls(controller, simulation, latent_at, _SECONDS, note)
-    reached = travel(np.stack(record, 1)) if len(record) > 1 else np.zeros((len(frames), 3))
+    latents = encoder.encode(motions.windows(frames))
+    reached, fell = _held_for_long(controller, motions, frames, latents)
     wanted = _reference_travel(motions, frames)
     names = [motions.names[clip] for clip in clips]
     measures = ("forward", "leftward", "turn_left")
@@ -74,13 +68,55 @@ def evaluate_steering(controller: Controller, encoder: Encoder, motions: Referen
             "falls": float(fell[mine].mean()),
         }
     upright = np.flatnonzero(~fell)
-    nearest = _nearest_forward(reached[upright])
+    between, between_fell = _held_for_long(controller, motions, *_halfway(motions, frames, latents, wanted))
+    nearest = _nearest_forward(np.concatenate([reached[upright], between[~between_fell]]))
     return {
         "fastest": _fastest(reached[upright], [names[index] for index in upright]),
         "nearest_forward": nearest,
         "largest_gap": max((abs(float(wanted) - speed) for wanted, speed in nearest.items()), default=None),
         "clips": rows,
     }
+
+
+def _held_for_long(
+    controller: Controller, motions: ReferenceMotions, frames: np.ndarray, latents: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where latents lead that are held for 4 s from the states of frames, ``(n, 3)``, and who fell, ``(n,)``."""
+    if not len(frames):
+        return np.zeros((0, 3)), np.zeros(0, bool)
+    simulation = start(motions, frames, np.random.default_rng(0))
+    record = []
+
+    def note(step: int) -> None:
+        if step >= round(_SKIPPED * FRAME_RATE):
+            record.append(np.column_stack([simulation.qpos[:, :2], heading(simulation.qpos[:, 3:7])]))
+
+    fell = falls(controller, simulation, held(latents), _SECONDS, note)
+    reached = travel(np.stack(record, 1)) if len(record) > 1 else np.zeros((len(frames), 3))
+    return reached, fell
+
+
+def _halfway(
+    motions: ReferenceMotions, frames: np.ndarray, latents: np.ndarray, wanted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Latents half-way between the first windows of two clips that go straight ahead at neighbouring speeds.
+
+    Args:
+        motions: The reference motions.
+        frames: Windows, ``(n,)``.
+        latents: Their latents, ``(n, 64)``.
+        wanted: What the reference does in them, ``(n, 3)``.
+
+    Returns:
+        The windows of the slower clips, ``(k,)``, and the latents, ``(k, 64)``.
+    """
+    forward, leftward, turn = wanted.T
+    straight = (forward > 0.3) & (np.abs(leftward) < 0.1) & (np.abs(turn) < _STRAIGHT)
+    ahead = np.flatnonzero(straight)
+    first = ahead[np.unique(motions.clip_of_frame[frames[ahead]], return_index=True)[1]]
+    first = first[np.argsort(forward[first])]
+    middle = latents[first[:-1]] + latents[first[1:]]
+    return frames[first[:-1]], (middle / np.linalg.norm(middle, axis=1, keepdims=True)).astype(latents.dtype)
 
 
 def _reference_travel(motions: ReferenceMotions, frames: np.ndarray) -> np.ndarray:
