@@ -19,6 +19,8 @@ END_EFFECTOR_INDEX = np.array([body_index(name) for name in END_EFFECTORS])
 VELOCITY_HALF_LIFE = 0.1
 """Seconds after which a wished velocity or heading is half reached. The springs in Holden's demonstration of learned motion
 matching (2020) take 0.27 s; here a body that hurries more comes nearer to its goals."""
+LEAD = 0.35
+"""Share of the speed that is missing by which a query asks for more than the goal: the body stays behind what it follows."""
 FASTEST_TURN = 2.0
 """rad/s that a query asks for at most: only acrobatics turn faster, and a database that has them would answer with them."""
 
@@ -109,7 +111,7 @@ def wished_course(
     """The way over the next 0.5 s on which heading and velocity approach a goal exponentially, the former at most at 2 rad/s.
 
     Who faces the goal goes where the heading points, the slower the more is left to be turned; a body that looks elsewhere
-    first turns and then runs.
+    first turns and then runs. Who is slower than the goal is asked for more than it (:data:`LEAD`), who is faster for less.
 
     Args:
         velocity: Horizontal velocity of the root, ``(n, 2)`` m/s.
@@ -123,6 +125,8 @@ def wished_course(
     time = np.arange(CLIP_FRAMES + 1) / FRAME_RATE
     left = 2.0 ** (-time / VELOCITY_HALF_LIFE)
     speed, direction = np.linalg.norm(goal, axis=1), np.arctan2(goal[:, 1], goal[:, 0])
+    along = (velocity * goal).sum(1) / np.maximum(speed, 1e-6)
+    asked = speed + LEAD * (speed - np.clip(along, 0.0, 2 * speed))
     turns = (speed > 1e-6) & face_goal
     turn = wrapped(direction - yaw) * turns
     most = FASTEST_TURN * time
@@ -131,8 +135,8 @@ def wished_course(
     ahead = np.maximum(np.cos(direction[:, None] - headings), 0.0)
     wished = np.where(
         turns[:, None, None],
-        (speed[:, None] * ahead)[..., None] * np.stack([np.cos(headings), np.sin(headings)], -1),
-        goal[:, None],
+        (asked[:, None] * ahead)[..., None] * np.stack([np.cos(headings), np.sin(headings)], -1),
+        (goal * (asked / np.maximum(speed, 1e-6))[:, None])[:, None],
     )
     kept = left[1]
     velocities = [velocity]
