@@ -44,6 +44,13 @@ class PerfectEncoder:
         return np.where(values >= 0.999, 1.0, np.where(values <= 0.001, -1.0, 0.0)).astype(np.float32)
 
 
+class DeafEncoder(PerfectEncoder):
+    """Its features of states hold all facts, but all texts are the same to it."""
+
+    def encode_text(self, texts):
+        return np.ones((len(texts), len(FACTS)), np.float32) / np.sqrt(len(FACTS))
+
+
 def test_facts_of_poses_that_were_put_together_by_hand():
     assert holds(posed(right_shoulder_y=-175), "wrist_high.right") == 1.0
     assert holds(posed(right_shoulder_y=-175), "wrist_high.left") == 0.0
@@ -66,6 +73,13 @@ def test_a_perfect_encoder_has_perfect_figures_and_a_blind_one_is_at_chance():
     figures = rule_figures(encoder, noise, values, rng, trials=2)
     assert figures["recall@1"] < 0.05
     assert 0.35 < figures["left or right"] < 0.65
+    assert figures["recall@1 without words"] < 0.1
+
+
+def test_without_words_it_is_the_features_that_count():
+    values = measure_facts(random_poses())
+    figures = rule_figures(DeafEncoder(), DeafEncoder().features(values), values, np.random.default_rng(1), trials=2)
+    assert figures["recall@1"] < 0.2 < 0.5 < figures["recall@1 without words"]
 
 
 def test_captions_say_what_few_poses_share():
