@@ -92,7 +92,7 @@ def with_one_wrong(
     return facts
 
 
-def write_phrases(rng: np.random.Generator, each: int = 48) -> list[list[str]]:
+def write_phrases(rng: np.random.Generator, each: int = 72) -> list[list[str]]:
     """For each posecode some phrases, of which captions are composed while training.
 
     Those of a posecode and of its mirror image are the same in the same order, but for the sides.

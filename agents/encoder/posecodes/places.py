@@ -287,7 +287,7 @@ add_limb(
     lambda m, side, other: ramp(m.height(f"{side}_foot"), 0.12, 0.22),
     "lift the {side} foot off the floor | raise the {side} foot from the ground | take the {side} foot off the ground"
     " | pick up the {side} foot",
-    "the {side} foot does not touch the ground | the {side} foot has left the floor | "
+    "the {side} foot does not touch the ground | the {side} foot has come off the floor | "
     "there is air under the {side} foot"
     " | no weight is on the {side} foot",
     "foot_down | hand_over_hip",
