@@ -14,6 +14,7 @@ from stable_baselines3 import PPO
 
 from agents.sb3 import VectorEnvAdapter
 from agents.text import checks
+from agents.text.candidates import Candidate
 from agents.text.clock import CLOCK_SIZE, ClockedPolicy, with_clock
 from agents.text.config import TrainConfig
 from agents.text.evaluate import judge, load_rollouts, run_episodes
@@ -23,6 +24,7 @@ from agents.text.play import play
 from agents.text.report import PANELS, similarity_ends
 from agents.text.search import SETTLE_DECISIONS, Earnings, search, summary
 from agents.text.shaping import EpisodeClock
+from agents.text.steering import SteeredCandidate
 from agents.text.train import make_environment, search_start, train
 from agents.text.warm_start import policy_earnings, warm_start
 from agents.training.monitor import load_checkpoint
@@ -504,6 +506,28 @@ def test_the_table_says_what_the_reports_say(finished, tmp_path, capsys):
     assert table.main([str(folder.path), str(tmp_path)]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3
     assert table.main([str(tmp_path)]) == 2
+
+
+def test_who_goes_back_first_turns_until_the_object_is_behind():
+    turn, stand = np.eye(4, dtype=np.float32)[:2]
+    doing = Candidate(stand[None], "stand")
+    going = {
+        "latents": np.eye(4, dtype=np.float32)[2:3],
+        "name": "walk_backward",
+        "doing": doing,
+        "turn": turn,
+        "reach": 0.5,
+    }
+    back_first = SteeredCandidate(**going, back_first=True)
+    left_behind, right_behind, ahead, there = back_first.act(
+        0, np.float32([[-2, 0.5], [-2, -0.5], [2, -0.1], [0.2, 0]])
+    )
+    assert (
+        right_behind @ turn > 0.1 > -0.1 > left_behind @ turn
+    )  # to turn left brings what is right behind straight behind
+    assert abs(ahead @ turn) > 0.5
+    np.testing.assert_array_equal(there, stand)
+    assert "back first" in back_first.description and "back first" not in SteeredCandidate(**going).description
 
 
 class PlaceEnv(gym.vector.VectorEnv):

@@ -27,6 +27,7 @@ GAINS = (0.5, 1.0, 2.0)
 """How far latents are moved along a direction per radian of the object's bearing."""
 REACH = (0.3, 1.2)
 """Distances from the pelvis to the object, metres, at which it may be within reach."""
+_BACK_FIRST = 0.25  # share of the draws that turn their back on the object, as one who sits down does
 _EXCHANGED = 0.3  # share of the variations with another random part
 
 
@@ -36,22 +37,26 @@ class SteeredCandidate(Candidate):
 
     Attributes:
         doing: What is played within reach.
-        turn: What is added to a latent per radian to the left in which the object is seen, up to one radian, `(64,)`.
+        turn: What is added to a latent per radian to the left in which the object is seen, up to one radian, `(64,)`; of one
+            who goes back first, per radian to the left of straight behind.
         reach: Distance in metres.
+        back_first: Whether the back is turned to the object instead of the face.
     """
 
     doing: Candidate
     turn: FloatArray
     reach: float
+    back_first: bool = False
 
     @property
     def description(self) -> str:
         """How it goes to the object, and what it does there."""
-        return f"{self.name} to it, {self.doing.description}"
+        return f"{self.name} to it{' back first' if self.back_first else ''}, {self.doing.description}"
 
     def act(self, decision: int, places: FloatArray) -> FloatArray:
         """Latents `(n, 64)` for objects at `(n, 2)` in the heading frame."""
-        bearing = np.clip(np.arctan2(places[:, 1], places[:, 0]), -1.0, 1.0)
+        ahead = -places if self.back_first else places
+        bearing = np.clip(np.arctan2(ahead[:, 1], ahead[:, 0]), -1.0, 1.0)
         far = unit(super().act(decision, places) + bearing[:, None] * self.turn)
         within = np.linalg.norm(places, axis=1, keepdims=True) < self.reach
         return np.where(within, self.doing.act(decision, places), far)
@@ -121,6 +126,7 @@ class SteeredCandidates:
             doing=doing,
             turn=turn,
             reach=float(self._rng.uniform(*REACH)),
+            back_first=bool(self._rng.uniform() < _BACK_FIRST),
         )
 
     def vary(self, elite: Sequence[SteeredCandidate]) -> SteeredCandidate:
@@ -134,6 +140,7 @@ class SteeredCandidates:
         return SteeredCandidate(
             latents=unit(going.latents + rng.normal(0.0, SPREAD, size)),
             name=going.name,
+            back_first=going.back_first,
             doing=Candidate(unit(doing.latents + rng.normal(0.0, SPREAD, size)), doing.name),
             turn=(other if taken[2] else first).turn * np.float32(np.exp(rng.normal(0.0, 0.3))),
             reach=float((other if taken[3] else first).reach * np.exp(rng.normal(0.0, 0.2))),
