@@ -14,6 +14,7 @@ WANTED_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 
 _SECONDS, _SKIPPED = 4.0, 1.0  # the first second is not measured: the start state has a speed of its own
 _EVERY = 10  # controller steps between the windows whose latents are tried
+_SHARES = (0.25, 0.5, 0.75)  # where between two clips
 _STRAIGHT = 10.0  # degrees/s
 _AIMED = 0.8  # share of the speed that must point in a direction for a latent to count as leading there
 
@@ -43,7 +44,7 @@ def evaluate_steering(controller: Controller, encoder: Encoder, motions: Referen
     Returns:
         ``fastest``: for ``forward``, ``backward``, ``left``, ``right`` (m/s) and ``turn_left``, ``turn_right``
         (degrees/s) the highest ``speed`` of a latent under which the humanoid did not fall, and its ``clip`` (0, "" if none);
-        ``nearest_forward``: for each of :data:`WANTED_SPEEDS` the nearest forward speed of a latent, those half-way
+        ``nearest_forward``: for each of :data:`WANTED_SPEEDS` the nearest forward speed of a latent, those
         between the windows of two clips of neighbouring speed included, and ``largest_gap``,
         how far the worst of them is off; ``clips``: by clip the mean ``forward``, ``leftward``, ``turn_left`` over its
         latents (of those without a fall), the same of the reference, and ``falls``.
@@ -68,7 +69,7 @@ def evaluate_steering(controller: Controller, encoder: Encoder, motions: Referen
             "falls": float(fell[mine].mean()),
         }
     upright = np.flatnonzero(~fell)
-    between, between_fell = _held_for_long(controller, motions, *_halfway(motions, frames, latents, wanted))
+    between, between_fell = _held_for_long(controller, motions, *_between(motions, frames, latents, wanted))
     nearest = _nearest_forward(np.concatenate([reached[upright], between[~between_fell]]))
     return {
         "fastest": _fastest(reached[upright], [names[index] for index in upright]),
@@ -96,10 +97,10 @@ def _held_for_long(
     return reached, fell
 
 
-def _halfway(
+def _between(
     motions: ReferenceMotions, frames: np.ndarray, latents: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Latents half-way between the first windows of two clips that go straight ahead at neighbouring speeds.
+    """Latents between the first windows of two clips that go straight ahead at neighbouring speeds.
 
     Args:
         motions: The reference motions.
@@ -115,8 +116,10 @@ def _halfway(
     ahead = np.flatnonzero(straight)
     first = ahead[np.unique(motions.clip_of_frame[frames[ahead]], return_index=True)[1]]
     first = first[np.argsort(forward[first])]
-    middle = latents[first[:-1]] + latents[first[1:]]
-    return frames[first[:-1]], (middle / np.linalg.norm(middle, axis=1, keepdims=True)).astype(latents.dtype)
+    mixed = [(1 - share) * latents[first[:-1]] + share * latents[first[1:]] for share in _SHARES]
+    middle = np.concatenate(mixed)
+    between = middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    return np.tile(frames[first[:-1]], len(_SHARES)), between.astype(latents.dtype)
 
 
 def _reference_travel(motions: ReferenceMotions, frames: np.ndarray) -> np.ndarray:
