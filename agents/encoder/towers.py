@@ -14,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.optim.swa_utils import AveragedModel
 from tqdm import tqdm
 
 from agents.encoder.captions import Caption, CaptionSet, joint_truth
@@ -32,6 +33,8 @@ from rewards.clauses import split_clauses
 
 log = logging.getLogger(__name__)
 
+_AVERAGED_STEPS = 1000
+"""Steps that the running mean of the weights reaches back at most, or the last fifth of fewer."""
 _CLAUSES_AT_ONCE = 192
 _TOLD = ("text", "other_text", "wrong_text")
 
@@ -76,6 +79,16 @@ def _without_some(mask: NDArray[np.float32], rng: np.random.Generator) -> NDArra
 def learning_rate_at(step: int, steps: int, highest: float) -> float:
     """Rises for 200 steps, then falls along a cosine."""
     return float(highest * min(1.0, (step + 1) / 200) * 0.5 * (1.0 + np.cos(np.pi * min(1.0, step / steps))) + 1e-6)
+
+
+@torch.no_grad()
+def _running_mean(
+    averaged: tuple[Tensor, ...] | list[Tensor], current: tuple[Tensor, ...] | list[Tensor], count: Tensor | int
+) -> None:
+    """Moves running means towards the weights after `count` updates."""
+    share = max(1.0 / _AVERAGED_STEPS, 5.0 / (int(count) + 5.0))
+    for mean, value in zip(averaged, current, strict=True):
+        mean.lerp_(value, share)
 
 
 @dataclass
@@ -281,7 +294,8 @@ def train_towers(
         tokens_path: where the token states of the captions are kept.
 
     Returns:
-        The trained towers; the last checkpoint is `towers.pt` in the run folder.
+        The towers with the running mean of the weights over the last thousand steps or so, which understands foreign words
+        better than the last weights do; the last checkpoint is `towers.pt` in the run folder.
     """
     towers = build_towers(config, motions, layout)
     mirror = mirrored_concepts(captions.concepts)
@@ -292,16 +306,20 @@ def train_towers(
     texts = [caption.text for caption in captions.training] + (lessons.texts if lessons is not None else [])
     store = TokenStore([clause for text in texts for clause in split_clauses(text)], tokens_path)
     modules = nn.ModuleDict({"state": towers.state, "text": towers.text, "logit": towers.logit})
+    averaged = AveragedModel(modules, multi_avg_fn=_running_mean)
     optimiser = torch.optim.AdamW(modules.parameters(), lr=config.learning_rate, weight_decay=1e-3)
     checkpoint = config.run / "towers.pt"
     first = 0
     if config.begin is not None and not checkpoint.is_file():
-        modules.load_state_dict(widened(torch.load(config.begin / "towers.pt", weights_only=True)["modules"], modules))
+        earlier = torch.load(config.begin / "towers.pt", weights_only=True)
+        modules.load_state_dict(widened(earlier.get("averaged", earlier["modules"]), modules))
     if checkpoint.is_file():
         stored = torch.load(checkpoint, weights_only=True)
         modules.load_state_dict(stored["modules"])
+        averaged.module.load_state_dict(stored.get("averaged", stored["modules"]))
         optimiser.load_state_dict(stored["optimiser"])
         first = int(stored["step"])
+        averaged.n_averaged.fill_(first)
     progress = tqdm(range(first, config.steps), desc="state and text towers", initial=first, total=config.steps)
     modules.train()
     saved = time.monotonic()
@@ -337,6 +355,7 @@ def train_towers(
         loss.backward()
         nn.utils.clip_grad_norm_(modules.parameters(), 1.0)
         optimiser.step()
+        averaged.update_parameters(modules)
         if step % 50 == 0:
             shown = {"pairs": f"{pairs.item():.3f}", "correlation": f"{1 - order.item():.3f}"}
             if lessons is not None:
@@ -344,7 +363,13 @@ def train_towers(
             progress.set_postfix(shown)
         if time.monotonic() - saved > 60 or step + 1 == config.steps:
             saved = time.monotonic()
-            stored = {"modules": modules.state_dict(), "optimiser": optimiser.state_dict(), "step": step + 1}
+            stored = {
+                "modules": modules.state_dict(),
+                "averaged": averaged.module.state_dict(),
+                "optimiser": optimiser.state_dict(),
+                "step": step + 1,
+            }
             write_whole(checkpoint, partial(torch.save, stored))
+    modules.load_state_dict(averaged.module.state_dict())
     modules.eval()
     return towers
