@@ -34,6 +34,8 @@ SETTLE_DECISIONS = 9
 """Decisions at the start that do not count: 1.5 s for getting from standing into the motion."""
 ELITE = 12
 """Candidates that survive a round."""
+STEERED_ROUNDS = 4
+"""Rounds of variation of candidates that look at an object, for each of the others, if there is time."""
 FINALISTS = 4
 """Candidates of each kind that are played by many humanoids at last: where objects stand at random, luck wins in few trials."""
 
@@ -185,7 +187,9 @@ def search(
         # Whole episodes from the start: it takes a while to get there.
         try_candidates(env, steered, alive_bonus, rng, LONG_TRIAL_DECISIONS)
         try_candidates(env, best(steered, env.num_envs), alive_bonus, rng, LONG_TRIAL_DECISIONS)
-        refine(env, steered, candidates.vary, alive_bonus, rng, rounds, started + seconds, LONG_TRIAL_DECISIONS)
+        # They have more parts than others, so they are varied for as long as there is time.
+        most = STEERED_ROUNDS * rounds
+        refine(env, steered, candidates.vary, alive_bonus, rng, most, started + seconds, LONG_TRIAL_DECISIONS)
         tried += len(steered)
         steered = play_finals(env, best(steered, FINALISTS, trials=2), alive_bonus, rng)
         held, played = (play_finals(env, kind[:FINALISTS], alive_bonus, rng) for kind in (held, played))
