@@ -14,7 +14,8 @@ from agents.encoder.free_sentences import read_sentences
 from agents.encoder.material import motion_library
 from agents.encoder.relations import relation_concepts
 from agents.encoder.sampling import concept_weights
-from agents.encoder.towers import grading_loss
+from agents.encoder.scenes import ObjectLayout
+from agents.encoder.towers import build_towers, grading_loss
 from agents.encoder.train import train
 from anyskill_envs.objects import load_object
 from motion_data.skeleton import rest_qpos
@@ -53,6 +54,15 @@ def test_a_tiny_training_writes_an_encoder_that_loads(tmp_path, monkeypatch):
     assert set(motions.sources.tolist()) >= {0, 1, 2, 3}
     features = encoder.encode_state(motions.observations)
     similarity = features @ encoder.encode_text(["raise both arms above the head"])[0]
+    stored = torch.load(tmp_path / "run" / "towers.pt", weights_only=True)
+    weight = "state.layers.0.weight"
+    assert not torch.equal(stored["averaged"][weight], stored["modules"][weight])
+    tower = build_towers(config, motions, ObjectLayout(config.objects)).state.eval()
+    tower.load_state_dict({name[6:]: value for name, value in stored["averaged"].items() if name.startswith("state.")})
+    with torch.no_grad():
+        nothing = torch.zeros(len(motions), motions.objects.shape[1])
+        mean = tower(torch.from_numpy(motions.observations), nothing).numpy()
+    np.testing.assert_allclose(features, mean, atol=1e-4)
     grade = motions.truths[:, TINY["only"].index("arms_up")].astype(np.float32)
     assert np.corrcoef(similarity, grade)[0, 1] > 0.5
     card = (tmp_path / "weights" / "MODEL_CARD.md").read_text()
