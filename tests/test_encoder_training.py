@@ -33,6 +33,7 @@ TINY = {
     "caption_batch": 32,
     "lessons": 200,
     "lesson_batch": 16,
+    "phrases": 3,
     "steps": 60,
     "image_motions": 24,
     "image_epochs": 1,

@@ -42,6 +42,8 @@ class EncoderConfig:
     """Motions that are described by low-level facts, each in three captions; see `agents.encoder.posecodes`."""
     lesson_batch: int = 56
     """Of these per step, and as many motions with captions that are composed in the step."""
+    phrases: int = 72
+    """Phrases of each posecode, of which captions are composed in each step."""
     feature_size: int = 256
     """Size of the shared space."""
     hidden: int = 768

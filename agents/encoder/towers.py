@@ -140,7 +140,7 @@ class _Lessons:
         self.chooser = CodeChooser(grade(motions.films, FILM_FRAMES), self.rng)
         rows = sampler.index(config.lessons)
         self.lessons = write_lessons(self.chooser, rows, sampler.turned(rows), self.rng)
-        self.phrases = write_phrases(self.rng)
+        self.phrases = write_phrases(self.rng, config.phrases)
         self.confused = opposites()
 
     @property

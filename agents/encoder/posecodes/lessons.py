@@ -92,10 +92,14 @@ def with_one_wrong(
     return facts
 
 
-def write_phrases(rng: np.random.Generator, each: int = 72) -> list[list[str]]:
+def write_phrases(rng: np.random.Generator, each: int) -> list[list[str]]:
     """For each posecode some phrases, of which captions are composed while training.
 
     Those of a posecode and of its mirror image are the same in the same order, but for the sides.
+
+    Args:
+        rng: draws them.
+        each: how many are drawn of each; equal ones are kept once.
     """
     seeds: dict[str, int] = {}
     written = []
