@@ -26,8 +26,8 @@ REWARD_SCALES: dict[str, float] = {
 
 PPO normalises advantages, but the bonus for not falling (0.5), the value function and the clipped gradient do see how
 large a reward is: without a scale a comparison of rewards would be one of sizes. The comments hold what they are chosen
-by, as `benchmarks/reward_spread.py` prints it with controller 0.5 and encoder 5: the standard deviation of the reward of a decision
-within a text, over 40 humanoids that follow latents of the motion library for 48 decisions each, on the five texts of
+by, as `benchmarks/reward_spread.py` prints it with controller 0.5 and encoder 5: the standard deviation of the reward of a
+decision within a text, over 40 humanoids that follow latents of the motion library for 48 decisions each, on the texts of
 agents/text/checks.py. The factors are those of an earlier encoder, and rough.
 
 `delta` is a difference of similarities, and its sum over an episode telescopes, so its factor follows from its returns:
