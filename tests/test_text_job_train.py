@@ -566,7 +566,7 @@ def test_a_policy_that_sees_an_object_begins_by_walking_to_it():
     result = search(PlaceEnv(64, latents), latents, names, 0.5, np.random.default_rng(0))
     steered = result.steered
     assert steered.reward > 1.5 * max(result.held.reward, result.played.reward if result.played else 0)
-    places = np.float32([[2, 1], [2, -1], [0.1, 0.1]])
+    places = np.float32([[2, 1], [2, -1], [0.05, 0.05]])
     left, right, there = steered.act(0, places)
     assert left @ (latents[1] - latents[2]) > 0.2 > -0.2 > right @ (latents[1] - latents[2])
     assert there @ latents[3] > 0.5
