@@ -157,14 +157,15 @@ class BundledEncoder:
 
     def _encode_one(self, text: str) -> FloatArray:
         words = " ".join(text.lower().split()).rstrip(".!")
+        clauses = split_clauses(words) if self.reads_clauses else [words]
         file = None
         if self._cache is not None:
-            name = hashlib.sha256(json.dumps([self._head_digest, WEIGHTS_SHA256, words]).encode()).hexdigest()
+            name = hashlib.sha256(json.dumps([self._head_digest, WEIGHTS_SHA256, clauses]).encode()).hexdigest()
             file = self._cache / f"{name[:32]}.npy"
             feature = _read_feature(file, self.feature_size)
             if feature is not None:
                 return feature
-        feature = self._compose(split_clauses(words) if self.reads_clauses else [words])
+        feature = self._compose(clauses)
         if file is not None:
             _write_feature(file, feature)
         return feature

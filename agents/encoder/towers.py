@@ -36,7 +36,6 @@ log = logging.getLogger(__name__)
 _AVERAGED_STEPS = 1000
 """Steps that the running mean of the weights reaches back at most, or the last fifth of fewer."""
 _CLAUSES_AT_ONCE = 192
-_TOLD = ("text", "other_text", "wrong_text")
 
 
 def grading_loss(
@@ -161,36 +160,38 @@ class _Lessons:
         right_words = [compose(one, self.phrases, self.rng) for one in facts]
         other_words = [compose(one, self.phrases, self.rng) for one in facts]
         wrong_words = [compose(one, self.phrases, self.rng, like) for one, like in zip(wrong, right_words, strict=True)]
-        told = [split_clauses(text) for name in _TOLD for text in (getattr(one, name) for one in chosen)]
-        composed = [
-            [clause for fact, word in zip(*one, strict=True) for clause in split_clauses(self.phrases[fact][word])]
-            for said, words in ((facts, right_words), (facts, other_words), (wrong, wrong_words))
-            for one in zip(said, words, strict=True)
+        captions = [
+            *(split_clauses(one.text) for one in chosen),
+            *self._said(facts, right_words),
+            *(split_clauses(one.other_text) for one in chosen),
+            *self._said(facts, other_words),
+            *(split_clauses(one.wrong_text) for one in chosen),
+            *self._said(wrong, wrong_words),
         ]
         true_facts = [one.facts for one in chosen] + facts
         wrong_facts = [one.wrong_facts for one in chosen] + wrong
         differs = np.array([one != other for one, other in zip(true_facts, wrong_facts, strict=True)])
-        return _LessonBatch(told, composed, true_facts * 2 + wrong_facts, differs), rows, turned
+        return _LessonBatch(captions, true_facts * 2 + wrong_facts, differs), rows, turned
+
+    def _said(self, facts: Sequence[tuple[int, ...]], words: Sequence[list[int]]) -> list[list[str]]:
+        """Clauses of captions that are composed of one phrase for each fact."""
+        return [
+            [clause for fact, word in zip(*one, strict=True) for clause in split_clauses(self.phrases[fact][word])]
+            for one in zip(facts, words, strict=True)
+        ]
 
 
 @dataclass(frozen=True)
 class _LessonBatch:
-    """Captions of one step as lists of clauses: right ones, the same in other words, wrong ones.
+    """Captions of one step as lists of clauses: right ones, the same in other words, wrong ones; a third each.
 
-    First those `told` as a whole, then those `composed` of phrases. `demands` are the facts of the right ones of both kinds,
-    of those in other words, of the wrong ones; `differs` says for which there is a wrong one.
+    Each third begins with those of lessons, and goes on with composed ones. `demands` are their facts; `differs` says for which
+    of the right ones there is a wrong one.
     """
 
-    told: list[list[str]]
-    composed: list[list[str]]
+    captions: list[list[str]]
     demands: list[tuple[int, ...]]
     differs: NDArray[np.bool_]
-
-    def ordered(self, features: Tensor) -> Tensor:
-        """Features of all told and all composed captions in the order of `demands`."""
-        told, composed = features[: len(self.told)], features[len(self.told) :]
-        parts = [told.reshape(3, -1, told.shape[1]), composed.reshape(3, -1, composed.shape[1])]
-        return torch.cat(parts, dim=1).flatten(0, 1)
 
 
 def caption_features(
@@ -312,11 +313,11 @@ def train_towers(
     first = 0
     if config.begin is not None and not checkpoint.is_file():
         earlier = torch.load(config.begin / "towers.pt", weights_only=True)
-        modules.load_state_dict(widened(earlier.get("averaged", earlier["modules"]), modules))
+        modules.load_state_dict(widened(earlier["averaged"], modules))
     if checkpoint.is_file():
         stored = torch.load(checkpoint, weights_only=True)
         modules.load_state_dict(stored["modules"])
-        averaged.module.load_state_dict(stored.get("averaged", stored["modules"]))
+        averaged.module.load_state_dict(stored["averaged"])
         optimiser.load_state_dict(stored["optimiser"])
         first = int(stored["step"])
         averaged.n_averaged.fill_(first)
@@ -333,7 +334,7 @@ def train_towers(
         if lessons is not None:
             lesson, rows, mirrored = lessons.draw()
             index, turned = np.concatenate([index, rows]), np.concatenate([turned, mirrored])
-            clauses += lesson.told + lesson.composed
+            clauses += lesson.captions
         observations, objects, truths = sampler.take(index, turned)
         truth = torch.from_numpy(captions.truth(chosen, truths))
         with torch.autocast("cpu", dtype=torch.bfloat16):
@@ -345,7 +346,7 @@ def train_towers(
         pairs, order = grading_loss(state @ text.T, truth, towers.logit["scale"], towers.logit["bias"], counted)
         loss = pairs + order
         if lessons is not None:
-            told = lesson.ordered(features[len(chosen) :])
+            told = features[len(chosen) :]
             facts = torch.from_numpy(joint_truth(lesson.demands, lessons.chooser.of(index, turned)))
             similarity = state @ told.T
             fact_pairs, fact_order = grading_loss(similarity, facts, towers.logit["scale"], towers.logit["bias"])

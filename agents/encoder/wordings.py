@@ -9,10 +9,10 @@ from pathlib import Path
 import yaml
 
 from agents.encoder.concepts import Concept
+from agents.encoder.sided_lines import sided_lines
 
 WORDINGS = Path(__file__).with_suffix(".yaml")
 """The file of further wordings."""
-_OTHER = {"left": "right", "right": "left"}
 
 
 def with_further_wordings(concepts: Sequence[Concept], path: Path = WORDINGS) -> tuple[Concept, ...]:
@@ -32,15 +32,8 @@ def with_further_wordings(concepts: Sequence[Concept], path: Path = WORDINGS) ->
     for concept in concepts:
         stem, side = _split(concept.name)
         names.add(stem)
-        lines = [line.strip() for line in texts.get(stem, "").splitlines()]
-        if side:
-            silent = [line for line in lines if "{side}" not in line and "{other}" not in line]
-            if silent:
-                raise ValueError(
-                    f'{path.name}: "{silent[0]}" of {stem} names no side; put {{side}} or {{other}} into it.'
-                )
-            lines = [line.format(side=side, other=_OTHER[side]) for line in lines]
-        written.append(replace(concept, further=tuple(line for line in lines if line)))
+        lines = sided_lines(texts.get(stem, ""), side, stem, path.name)
+        written.append(replace(concept, further=lines))
     unknown = [name for name in texts if name not in names and ":" not in name]
     if unknown:
         raise ValueError(
@@ -52,4 +45,4 @@ def with_further_wordings(concepts: Sequence[Concept], path: Path = WORDINGS) ->
 def _split(name: str) -> tuple[str, str]:
     """Name of a concept without its side, and the side or nothing."""
     stem, _, side = name.rpartition(".")
-    return (stem, side) if side in _OTHER else (name, "")
+    return (stem, side) if side in ("left", "right") else (name, "")

@@ -11,10 +11,10 @@ from pathlib import Path
 import yaml
 
 from agents.encoder.captions import gerund
+from agents.encoder.sided_lines import sided_lines
 
 WORDINGS = Path(__file__).with_suffix(".yaml")
 """The file of further wordings."""
-_OTHER = {"left": "right", "right": "left"}
 _PARTS = ("nominals", "clauses", "imperatives", "both")
 
 
@@ -42,14 +42,8 @@ def further_wordings(name: str, path: Path = WORDINGS) -> FurtherWordings:
     if side == "one":
         return FurtherWordings()
     if side == "both":
-        return _sorted(_lines(entry.get("both", "")))
-    parts = [_lines(entry.get(part, "")) for part in _PARTS[:3]]
-    if side:
-        silent = [line for lines in parts for line in lines if "{side}" not in line and "{other}" not in line]
-        if silent:
-            raise ValueError(f'{path.name}: "{silent[0]}" of {stem} names no side; put {{side}} or {{other}} into it.')
-        parts = [tuple(line.format(side=side, other=_OTHER[side]) for line in lines) for lines in parts]
-    return FurtherWordings(*parts)
+        return _sorted(sided_lines(entry.get("both", ""), "", stem, path.name))
+    return FurtherWordings(*(sided_lines(entry.get(part, ""), side, stem, path.name) for part in _PARTS[:3]))
 
 
 def check_stems(stems: Collection[str], path: Path = WORDINGS) -> None:
@@ -75,10 +69,6 @@ def _read(path: Path) -> dict[str, dict[str, str]]:
         if unknown:
             raise ValueError(f"{path.name}: {stem} has the part {unknown[0]!r}; there are {', '.join(_PARTS)}.")
     return entries
-
-
-def _lines(text: str) -> tuple[str, ...]:
-    return tuple(line.strip() for line in text.splitlines() if line.strip())
 
 
 def _sorted(lines: tuple[str, ...]) -> FurtherWordings:
