@@ -19,7 +19,7 @@ from agents.controller.networks import Normalizer, fast_arithmetic, mlp
 from agents.controller.ppo import PPO, PPOSettings, Rollout, generalised_advantages, neighbouring_means
 from agents.controller.reference import ReferenceMotions
 from agents.controller.stage import Stage
-from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig, tracking_distance
+from agents.controller.tracking import TRACKING_SIZE, Tracking, TrackingConfig
 
 
 @dataclass(frozen=True)
@@ -177,41 +177,3 @@ class TeacherTrainer(Stage):
             "rollout_s": rolled - begin,
             "learning_s": time.monotonic() - rolled,
         }
-
-
-@torch.no_grad()
-def evaluate_tracking(
-    teacher: Teacher, motions: ReferenceMotions, episodes: int = 8, limit: int = 90, distance: float = 0.4
-) -> dict[str, tuple[float, float, float]]:
-    """Follows each clip from several phases.
-
-    Returns:
-        For each clip: share of episodes survived, share of frames survived, mean body error of the survivors (metres).
-    """
-    clips = np.repeat(np.arange(len(motions.names)), episodes)
-    room = np.maximum(motions.lengths[clips] - 1 - limit, 0)
-    phase = (np.tile(np.linspace(0, 1, episodes), len(motions.names)) * room).astype(int)
-    config = TrackingConfig(failure_distance=np.inf, episode_steps=10**9)
-    tracking = Tracking(motions, len(clips), np.random.default_rng(0), config)
-    tracking.reset(np.arange(len(clips)), motions.starts[clips] + phase)
-    length = np.minimum(motions.lengths[clips] - 1 - phase, limit)
-    alive = np.ones(len(clips), bool)
-    survived, error = np.zeros(len(clips)), np.zeros(len(clips))
-    for step in range(limit):
-        targets = teacher.targets(tracking)
-        tracking.simulation.step(targets)
-        tracking.frame = motions.ahead(tracking.frame, 1)
-        tracking.observation = tracking.simulation.observation()
-        apart = tracking_distance(tracking.observation, motions.observations[tracking.frame])
-        running = step < length
-        alive &= ~(running & (apart > distance))
-        survived += alive & running
-        error += np.where(alive & running, apart, 0)
-    return {
-        name: (
-            float(alive[clips == clip].mean()),
-            float((survived / length)[clips == clip].mean()),
-            float(error[clips == clip].sum() / max(1, survived[clips == clip].sum())),
-        )
-        for clip, name in enumerate(motions.names)
-    }
