@@ -60,24 +60,22 @@ def observe(
         angular velocities; all turned into the heading frame. See :data:`OBSERVATION_LAYOUT`.
     """
     count = len(positions)
-    cosine, sine = (part[:, None] for part in heading_direction(quaternions[:, 0]))
+    others, twice = _BODIES - 1, 2 * _BODIES
+    # All 74 vectors with their components apart: contiguous arrays are turned in a third of the time.
+    vectors = np.empty((3, count, others + 4 * _BODIES), np.float32)
+    places = np.array(np.moveaxis(positions, -1, 0), order="C")
+    vectors[..., :others] = places[..., 1:] - places[..., :1]
+    axes = rotation_axes(np.ascontiguousarray(np.moveaxis(quaternions, -1, 0), np.float32))
+    for place, axis in enumerate(axes):
+        for component, numbers in enumerate(axis):
+            vectors[component, :, others + place : others + twice : 2] = numbers
+    vectors[..., others + twice : others + twice + _BODIES] = np.moveaxis(linear_velocities, -1, 0)
+    vectors[..., others + twice + _BODIES :] = np.moveaxis(angular_velocities, -1, 0)
 
+    cosine, sine = (part[:, None] for part in heading_direction(quaternions[:, 0]))
     observation = np.empty((count, OBSERVATION_SIZE), np.float32)
     observation[:, 0] = positions[:, 0, 2]
-
-    def write(target: np.ndarray, vectors: np.ndarray) -> None:
-        turn_to_heading(target, vectors, cosine, sine)
-
-    def block(name: str, *shape: int) -> np.ndarray:
-        return observation[:, OBSERVATION_LAYOUT[name]].reshape(count, *shape)
-
-    write(block("body_positions", _BODIES - 1, 3), (positions[:, 1:] - positions[:, :1]).astype(np.float32))
-    rotations = block("body_rotations", _BODIES, 2, 3)
-    tangents, normals = rotation_axes(quaternions.astype(np.float32))
-    write(rotations[:, :, 0], tangents)
-    write(rotations[:, :, 1], normals)
-    write(block("body_linear_velocities", _BODIES, 3), linear_velocities.astype(np.float32))
-    write(block("body_angular_velocities", _BODIES, 3), angular_velocities.astype(np.float32))
+    turn_to_heading(observation[:, 1:].reshape(count, -1, 3), vectors, cosine, sine)
     return observation
 
 
@@ -90,24 +88,28 @@ def heading_direction(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turn_to_heading(target: np.ndarray, vectors: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> None:
-    """Writes world vectors ``(..., 3)``, turned by minus the heading, into an array or view of the same shape.
+    """Writes world vectors, turned by minus the heading, into an array or view.
 
     Args:
-        target: where to write.
-        vectors: the vectors.
+        target: where to write, ``(..., 3)``.
+        vectors: the vectors, components first, ``(3, ...)``.
         cosine: cosine of the heading, of a shape that broadcasts with ``(...)``.
         sine: its sine.
     """
-    target[..., 0] = cosine * vectors[..., 0] + sine * vectors[..., 1]
-    target[..., 1] = cosine * vectors[..., 1] - sine * vectors[..., 0]
-    target[..., 2] = vectors[..., 2]
+    x, y, z = vectors
+    target[..., 0] = cosine * x + sine * y
+    target[..., 1] = cosine * y - sine * x
+    target[..., 2] = z
 
 
-def rotation_axes(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and third columns of rotation matrices, each ``(..., 3)``."""
-    w, x, y, z = np.moveaxis(quaternions, -1, 0)
-    first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], -1)
-    third = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], -1)
+Components = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def rotation_axes(quaternions: np.ndarray) -> tuple[Components, Components]:
+    """Components, each ``(...)``, of the first and third columns of rotation matrices of quaternions ``(4, ...)``."""
+    w, x, y, z = quaternions
+    first = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    third = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
     return first, third
 
 

@@ -30,6 +30,11 @@ _NO_CONTACTS = mujoco.mjtDisableBit.mjDSBL_CONTACT.value | mujoco.mjtDisableBit.
 _HEAD = body_index("head")
 
 
+def _components(vectors: np.ndarray) -> np.ndarray:
+    """A copy of vectors ``(..., 3)``, components first: ``(3, ...)``."""
+    return np.array(np.moveaxis(vectors, -1, 0), order="C")
+
+
 class HumanoidSimulation:
     """N humanoids, each in a world of its own, stepped together.
 
@@ -139,10 +144,14 @@ class HumanoidSimulation:
     @property
     def body_linear_velocities(self) -> np.ndarray:
         """World velocities of the bodies' origins, ``(n, 15, 3)`` m/s."""
-        x, y, z = np.moveaxis(self.body_positions - self._tree_centre[:, None], -1, 0)
-        wx, wy, wz = np.moveaxis(self._spatial[..., :3], -1, 0)
+        x, y, z = _components(self.body_positions - self._tree_centre[:, None])
+        wx, wy, wz = _components(self._spatial[..., :3])
+        velocity = _components(self._spatial[..., 3:])
         # v_origin = v_centre + w x (origin - centre), written out: np.cross is slower
-        return self._spatial[..., 3:] + np.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], -1)
+        velocity[0] += wy * z - wz * y
+        velocity[1] += wz * x - wx * z
+        velocity[2] += wx * y - wy * x
+        return np.moveaxis(velocity, 0, -1)
 
     @property
     def head_height(self) -> np.ndarray:

@@ -46,7 +46,8 @@ _SYNONYMS = (
 _PARTNERS = (("arms", "legs"), ("arms", "travel"), ("arms", "trunk"), ("trunk", "legs"))
 # Captions that need no person before them: whole sentences, and comparisons such as "as if held at gunpoint".
 _WHOLE_SENTENCE = re.compile(
-    r"^(a|an|the|someone|somebody|everybody|one|each|either|neither|only|all|your|my|I|I'm|as|like|with|will|there)\b"
+    r"^(a|an|the|he|she|it|they|we|you|this|that|these|those|his|her|its|their|someone|somebody|everybody|one|each|either"
+    r"|neither|only|all|your|my|I|I'm|as|like|with|will|there)\b"
     r"|\b(is|are|has|have|goes?|lies?|moves?|touch|touches|points?|meets?|swings?|shoots?|rests?|comes?|stays?|flies|fly)\b"
     r"|\b(press|pushes|carry|carries|holds?|hangs?|hovers?|turns?|leads?|stands?|bends?|rises?|supports?|stirs)\b"
 )

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from agents.encoder.concepts import Concept
 from agents.encoder.measurements import WINDOW, Array, Measurements
-from agents.encoder.relations import ObjectTrack, relation_truth
+from agents.encoder.relations import DOINGS, ObjectTrack, relation_truth
 from agents.encoder.rollouts import Tracks, controller_tracks, seeking_tracks, simulated_tracks
-from agents.encoder.scenes import ROLLING, ObjectLayout, favoured_clips, scenes_around, training_placements
+from agents.encoder.scenes import ROLLING, ObjectLayout, favoured_clips, raised_foot, scenes_around, training_placements
 from anyskill_envs.controller import CONTROLLER_FILE, LowLevelController
 from anyskill_envs.objects.scene import Scene
 from anyskill_envs.objects.state import object_states, object_vectors
@@ -29,6 +29,11 @@ log = logging.getLogger(__name__)
 FILM_FRAMES = (2, 6, 10, 14)
 """Frames of a short motion that the image tower sees: four over 0.4 s."""
 SOURCES = ("clips", "mixtures", "random_limbs", "simulated", "controller", "scenes")
+
+_TRIED = 8
+"""Moments of a scene that are looked at for each that is kept."""
+_SELDOM = 0.03
+"""Weight of a moment in which nothing is done to the object; one in which something is has up to 1 more."""
 
 _UPPER = np.array([not any(part in name for part in ("hip", "knee", "ankle")) for name in JOINT_NAMES])
 _TRUNK = np.array([name.startswith(("abdomen", "neck")) for name in JOINT_NAMES])
@@ -144,6 +149,14 @@ class MotionSource:
                 break
         return self._noisy(piece)
 
+    def kicking(self) -> NDArray[np.float64]:
+        """A piece of a clip in which somebody who stands reaches out with a foot, if twenty draws find one."""
+        for _ in range(20):
+            piece, _ = self.clip()
+            if raised_foot(piece)[0].max() > 0.5 and piece[:, 2].min() > 0.7:
+                break
+        return self._noisy(piece)
+
     def mixture(self) -> NDArray[np.float64]:
         """The arms and trunk of one clip on the legs and root of another."""
         below, _ = self.clip()
@@ -254,14 +267,18 @@ def windows_of_tracks(
     poses, _ = tracks
     frames, count, _ = poses.shape
     recorded = _record(tracks, scene)
-    ends = rng.integers(WINDOW - 1, frames, size=(per_track, count)).ravel()
-    rows = np.tile(np.arange(count), per_track)
-    index = ends[:, None] - (WINDOW - 1) + np.arange(WINDOW)
-    positions = recorded.positions[index, rows[:, None]].astype(np.float64)
-    quaternions = recorded.quaternions[index, rows[:, None]].astype(np.float64)
-    measured = Measurements(positions[:, :, 1:16], quaternions[:, :, 1:16])
+    tried = per_track * (_TRIED if item else 1)
+    ends = rng.integers(WINDOW - 1, frames, size=(tried, count)).ravel()
+    rows = np.tile(np.arange(count), tried)
+    measured, objects = _measure(recorded, scene, ends, rows)
+    if item:
+        done = [relation_truth(f"{item}:{relation}", measured, objects) for relation in DOINGS]
+        weights = _SELDOM + np.max([truth for truth in done if truth is not None], axis=0) ** 3
+        kept = rng.choice(len(ends), per_track * count, replace=False, p=weights / weights.sum())
+        ends, rows = ends[kept], rows[kept]
+        measured, objects = _measure(recorded, scene, ends, rows)
+    index = _frames_until(ends)
     vectors = recorded.vectors[ends, rows]
-    objects = _objects_of(scene, positions, quaternions, vectors)
     films = np.zeros((len(ends), len(FILM_FRAMES), _film_width(layout)), np.float32)
     films[:, :, : poses.shape[2]] = poses[index[:, FILM_FRAMES], rows[:, None]]
     return MotionSet(
@@ -273,6 +290,22 @@ def windows_of_tracks(
         objects=layout.fill(item, vectors) if item else np.zeros((len(ends), layout.size), np.float32),
         scenes=np.full(len(ends), layout.names.index(item) if item else -1),
     )
+
+
+def _frames_until(ends: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The frames of the short motions that end there, `(n, WINDOW)`."""
+    return ends[:, None] - (WINDOW - 1) + np.arange(WINDOW)
+
+
+def _measure(
+    recorded: _Recorded, scene: Scene, ends: NDArray[np.int64], rows: NDArray[np.int64]
+) -> tuple[Measurements, dict[str, ObjectTrack]]:
+    """Measures the short motions that end at frames of rows, and the objects beside them."""
+    index = _frames_until(ends)
+    positions = recorded.positions[index, rows[:, None]].astype(np.float64)
+    quaternions = recorded.quaternions[index, rows[:, None]].astype(np.float64)
+    measured = Measurements(positions[:, :, 1:16], quaternions[:, :, 1:16])
+    return measured, _objects_of(scene, positions, quaternions, recorded.vectors[ends, rows])
 
 
 def _objects_of(
@@ -349,4 +382,6 @@ def generate(
                 posed = [source.clip()[0] for _ in range(count)] + [source.random_limbs() for _ in range(count)]
                 if item == "chair":
                     posed += [source.low() for _ in range(count)]
+                elif item not in ROLLING:
+                    posed += [source.kicking() for _ in range(count)]
                 yield cut(scenes_around(rng, posed, item, scene), "scenes", item=item)

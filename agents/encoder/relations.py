@@ -26,6 +26,8 @@ _HANDS = tuple(f"{side}_hand" for side in SIDES)
 _FEET = tuple(f"{side}_foot" for side in SIDES)
 _STEP = 4
 """Frames over which speeds are taken."""
+_SOLE = np.array([[0.13, 0.0, -0.05], [0.0, 0.0, -0.07], [-0.04, 0.0, -0.05]])
+"""Toes, sole and heel, seen from the ankle along the axes of the foot, metres."""
 
 
 class ObjectTrack:
@@ -100,6 +102,16 @@ class ObjectTrack:
         ]
         return ramp(np.min(gaps, axis=0), near_by + 0.25, near_by)
 
+    def foot_gap(self, m: Measurements) -> Array:
+        """Distance of the nearest toes, sole or heel from its surface, now or 0.13 s ago, metres, `(n,)`."""
+        gaps = []
+        for foot in map(body_index, _FEET):
+            for frame in (-1, -1 - _STEP):
+                turned = Rotation.from_quat(m.quaternions[:, frame, foot], scalar_first=True)
+                gaps += [self.gap(m.positions[:, frame, foot] + turned.apply(point), frame) for point in _SOLE]
+        nearest: Array = np.min(gaps, axis=0)
+        return nearest
+
     @cached_property
     def nearing(self) -> Array:
         """How fast the pelvis comes nearer to the object's origin, m/s, `(n,)`."""
@@ -107,6 +119,13 @@ class ObjectTrack:
         gaps = np.linalg.norm((humanoid - item)[:, (-1 - 2 * _STEP, -1), :2], axis=-1)
         closing: Array = (gaps[:, 0] - gaps[:, 1]) * (FRAME_RATE / (2 * _STEP))
         return closing
+
+    @cached_property
+    def set_in_motion(self) -> Array:
+        """Whether it moves away or, with a joint, that joint opens, `(n,)`."""
+        if not self.state.angle.shape[1]:
+            return ramp(self.speed, 0.3, 1.5)
+        return ramp(self.state.angle_velocity[:, 0].astype(np.float64), 0.2, 1.2)
 
     @cached_property
     def leaving(self) -> Array:
@@ -172,14 +191,21 @@ def _limb_speed(m: Measurements, bodies: tuple[str, ...]) -> Array:
 
 
 def _kicking(m: Measurements, o: ObjectTrack) -> Array:
-    moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(o.speed, 0.3, 1.5))
-    raised = ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
-    swing = moves if o.kind == "ball" else partly(moves, raised)
-    kicked = o.contact(m, _FEET, 0.2) * (0.35 + 0.65 * swing) * m.on_feet
-    if o.kind == "ball":  # it is being kicked for as long as it flies away from whoever looks after it
+    if o.kind == "ball":
+        moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(o.speed, 0.3, 1.5))
+        kicked = o.contact(m, _FEET, 0.2) * (0.35 + 0.65 * moves)
+        # It is being kicked for as long as it flies away from whoever looks after it.
         flies = ramp(o.leaving, 0.1, 0.9) * ramp(o.distance, 5.0, 2.0) * ramp(np.abs(o.bearing), 2.0, 1.0)
-        kicked = np.maximum(kicked, 0.9 * flies * m.on_feet)
-    return np.maximum(kicked, _on_the_way(m, o))
+        kicked = np.maximum(kicked, 0.9 * flies)
+    else:
+        moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), o.set_in_motion)
+        raised = ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
+        # Squared: kicks that miss it by a hand's breadth, one after the other, must not be worth as much as one that hits.
+        kicked = ramp(o.foot_gap(m), 0.25, 0.03) ** 2 * (0.35 + 0.65 * partly(moves, raised))
+        # It moves, and nothing else has touched it.
+        by_others = o.contact(m, (*_HANDS, "right_lower_arm", "left_lower_arm", "torso", "pelvis"), 0.12)
+        kicked = np.maximum(kicked, 0.9 * o.set_in_motion * (1 - by_others) * ramp(o.distance, 2.5, 1.5))
+    return np.maximum(kicked * m.on_feet, _on_the_way(m, o))
 
 
 def _striking(m: Measurements, o: ObjectTrack) -> Array:
@@ -206,9 +232,9 @@ def _pushing_open(m: Measurements, o: ObjectTrack) -> Array:
 
 def _sitting_on(m: Measurements, o: ObjectTrack) -> Array:
     """First the way to the chair, then the back to it, then above its seat, then down."""
-    # The origin of the object is the middle of its seat; a seated pelvis is some 0.1 m above it.
+    # The origin of the object is the middle of its seat. The origin of a pelvis that rests on it is 0.1 m above it.
     over = ramp(o.distance, 0.55, 0.15)
-    low = ramp(-o.state.position[:, 2].astype(np.float64), 0.45, 0.18)
+    low = ramp(-o.state.position[:, 2].astype(np.float64), 0.45, 0.1)
     knees = partly(*(ramp(m.knee(side), 0.2, 1.2) for side in SIDES))
     seated = partly(over, low) * over**0.5 * (0.5 + 0.5 * knees)
     turned = ramp(o.aligned, -0.2, 0.8)
@@ -230,6 +256,10 @@ _RULES: dict[str, Callable[[Measurements, ObjectTrack], Array]] = {
     "pushing open": _pushing_open,
     "sitting on": _sitting_on,
 }
+
+
+DOINGS = ("kicking", "striking", "pushing open", "sitting on")
+"""Relations that are done to an object; each is true for moments only."""
 
 
 def _nowhere(m: Measurements) -> Array:

@@ -7,16 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.encoder.measurements import SIDES
 from anyskill_envs.objects import Placement
 from anyskill_envs.objects.scene import Scene
-from motion_data.skeleton import differentiate
+from motion_data.skeleton import body_index, differentiate, forward_kinematics, heading
 from rewards.object_state import BLOCKS
 
 # Latents of these clips bring about what captions speak of; half of all latents are drawn from them.
 _FAVOURED = {
     "ball": ("kick", "walk", "run", "step_forward"),
     "chair": ("sit", "squat", "crouch", "step_backward", "kick"),
-    "door": ("push", "walk", "kick", "punch", "step_forward"),
+    "door": ("push", "walk", "kick", "step_forward"),
     "pillar": ("punch", "kick", "push", "walk", "uppercut"),
 }
 _WITH_SIDES = ("door",)
@@ -25,6 +26,10 @@ ROLLING = ("ball",)
 """Objects that may roll when nobody touches them."""
 _REACH = 0.45
 """Metres from the pelvis at which a step or an arm reaches an object."""
+_KICKED = {"chair": 0.22, "door": 0.02, "pillar": 0.2}
+"""Objects that stand where a raised foot reaches, some of the time: metres from the origin to the surface."""
+_RAISED = 0.35
+"""Height of a raised ankle in metres, and its least distance from the pelvis."""
 _SEATED = (0.45, 0.64)
 """Heights of a pelvis, in metres, under which the seat of the chair may stand."""
 _VECTORS = np.tile([1.0, -1.0, 1.0], 4)
@@ -112,6 +117,27 @@ def training_placements(scene: Scene) -> list[dict[str, Placement]]:
     ]
 
 
+def raised_foot(motion: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where a raised foot is, the farther one of two.
+
+    Args:
+        motion: poses `(frames, 35)`.
+
+    Returns:
+        How far its ankle is from the pelvis, horizontally, in metres, 0 where none is raised; and its direction in radians
+        from the heading; each `(frames,)`.
+    """
+    positions, _ = forward_kinematics(motion)
+    feet = np.stack([positions[:, body_index(f"{side}_foot")] for side in SIDES], 1)
+    offsets = (feet - positions[:, :1])[..., :2]
+    reaches = np.where(feet[..., 2] > _RAISED, np.linalg.norm(offsets, axis=2), 0.0)
+    rows, farther = np.arange(len(motion)), np.argmax(reaches, axis=1)
+    across = offsets[rows, farther]
+    direction = np.arctan2(across[:, 1], across[:, 0]) - heading(motion[:, 3:7])
+    reach: NDArray[np.float64] = reaches[rows, farther]
+    return reach, (direction + np.pi) % (2 * np.pi) - np.pi
+
+
 def scenes_around(
     rng: np.random.Generator, motions: Sequence[NDArray[np.float64]], name: str, scene: Scene
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -143,6 +169,16 @@ def scenes_around(
         if name == "chair" and len(seated) and rng.random() < 0.7:
             frame = int(rng.choice(seated))
             change = {"distance": (0.0, 0.2), "bearing": (2.7, 3.6), "yaw": (-0.2, 0.2)}
+        elif name in _KICKED and rng.random() < 0.6:
+            reach, direction = raised_foot(motion)
+            if reach.max() > _RAISED:
+                frame = int(np.argmax(reach))
+                nearest, bearing = reach[frame] + _KICKED[name] + 0.03, direction[frame]
+                change = {
+                    "distance": (nearest, nearest + 0.25),
+                    "bearing": (bearing - 0.1, bearing + 0.1),
+                    "yaw": (-0.3, 0.3),
+                }
         place = {name: own[name].changed(change)}
         placed, _ = scene.place(motion[frame : frame + 1, :35], np.zeros((1, 34)), place, 0.0, rng)
         track = np.repeat(placed, len(motion), 0)

@@ -49,12 +49,12 @@ def object_vectors(simulation: HumanoidSimulation, ids: NDArray[np.int64] | slic
     for part in scene.parts.values():
         state = np.zeros((len(positions), part.state_size), np.float32)
         vectors = state[:, : sum(BLOCKS.values())].reshape(len(positions), 5, 3)
-        turn_to_heading(vectors[:, 0], positions[:, part.body] - positions[:, 1], cosine, sine)
-        for place, axis in enumerate(rotation_axes(quaternions[:, part.body].astype(np.float32))):
+        turn_to_heading(vectors[:, 0], (positions[:, part.body] - positions[:, 1]).T, cosine, sine)
+        for place, axis in enumerate(rotation_axes(quaternions[:, part.body].T.astype(np.float32))):
             turn_to_heading(vectors[:, 1 + place], axis, cosine, sine)
         if part.qvel is not None:  # of a free body: origin in the world, angular in its own frame
-            turn_to_heading(vectors[:, 3], simulation.qvel[ids, part.qvel][:, :3], cosine, sine)
-            turn_to_heading(vectors[:, 4], simulation.angular_velocities(part.body)[ids], cosine, sine)
+            turn_to_heading(vectors[:, 3], simulation.qvel[ids, part.qvel][:, :3].T, cosine, sine)
+            turn_to_heading(vectors[:, 4], simulation.angular_velocities(part.body)[ids].T, cosine, sine)
         joints = len(part.angles)
         if joints:
             state[:, -2 * joints : -joints] = simulation.qpos[ids][:, part.angles]
