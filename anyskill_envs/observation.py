@@ -9,6 +9,8 @@ from gymnasium.spaces import Box
 
 from motion_data.skeleton import BODY_NAMES, MIRROR_BODIES
 
+Components = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""The x, y and z of vectors, each ``(...)``."""
 _BODIES = len(BODY_NAMES)
 
 OBSERVATION_LAYOUT: dict[str, slice] = {}
@@ -87,7 +89,7 @@ def heading_direction(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ((w * w - z * z) / square).astype(np.float32), (2 * w * z / square).astype(np.float32)
 
 
-def turn_to_heading(target: np.ndarray, vectors: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> None:
+def turn_to_heading(target: np.ndarray, vectors: np.ndarray | Components, cosine: np.ndarray, sine: np.ndarray) -> None:
     """Writes world vectors, turned by minus the heading, into an array or view.
 
     Args:
@@ -100,9 +102,6 @@ def turn_to_heading(target: np.ndarray, vectors: np.ndarray, cosine: np.ndarray,
     target[..., 0] = cosine * x + sine * y
     target[..., 1] = cosine * y - sine * x
     target[..., 2] = z
-
-
-Components = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def rotation_axes(quaternions: np.ndarray) -> tuple[Components, Components]:

@@ -195,6 +195,9 @@ class MotionClip:
 
 
 def swap_sides(text: str) -> str:
-    """Exchanges the words "left" and "right", "leftward" and "rightward" in a text, keeping the case of the first letter."""
+    """Exchanges the words "left" and "right", "leftward" and "rightward" in a text, keeping the case of the first letter.
+
+    A "right angle" has no side.
+    """
     other = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
-    return re.sub(r"\b([Ll]eft|[Rr]ight)(?=(ward|wards)?\b)", lambda match: other[match.group()], text)
+    return re.sub(r"\b([Ll]eft|[Rr]ight(?! angle))(?=(ward|wards)?\b)", lambda match: other[match.group()], text)

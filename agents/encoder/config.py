@@ -44,8 +44,8 @@ class EncoderConfig:
     """Of these per step, and as many motions with captions that are composed in the step."""
     phrases: int = 72
     """Phrases of each posecode, of which captions are composed in each step."""
-    feature_size: int = 256
-    """Size of the shared space."""
+    feature_size: int = 512
+    """Size of the shared space: one half for a motion or text as it is, one for its mirror image."""
     hidden: int = 768
     """Width of the hidden layers of the state tower."""
     relation_share: float = 0.5
@@ -120,7 +120,7 @@ _CAPTION_SETTINGS = ("only", "evaluator", "objects", "seed", "caption_pairs", "c
 _EVALUATOR: dict[str, Any] = {
     "run": Path("runs/encoder_evaluator"),
     "seed": 7041,
-    "feature_size": 192,
+    "feature_size": 384,
     "hidden": 384,
     "lessons": 0,
     "caption_batch": 256,

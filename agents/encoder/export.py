@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agents.encoder.networks import ImageTower, StateTower, TextHead
+from agents.encoder.networks import ImageTower, TextHead
 from anyskill_envs.observation import OBSERVATION_LAYOUT
 from motion_data.files import write_whole
-from rewards.bundled import FILM_FRAMES, OBSERVATION_SIZE, READS_CLAUSES, contract
+from rewards.bundled import FILM_FRAMES, MIRRORED, OBSERVATION_SIZE, READS_CLAUSES, contract
 from rewards.minilm import TOKEN_SIZE
 from rewards.onnx_files import export_module, open_session
 
@@ -51,13 +51,13 @@ def write_module(
 
 
 def write_state_tower(
-    path: Path, state: StateTower, metadata: Mapping[str, str], object_sizes: Mapping[str, int]
+    path: Path, state: nn.Module, metadata: Mapping[str, str], object_sizes: Mapping[str, int]
 ) -> None:
     """Writes a state tower.
 
     Args:
         path: the file.
-        state: the tower.
+        state: the tower: observations, and states of objects, to features.
         metadata: what the file says of itself, beside the layout of its inputs.
         object_sizes: which objects its second input is about, and how many numbers it takes of each; empty for none.
     """
@@ -74,7 +74,7 @@ def write_state_tower(
 
 def export_towers(
     folder: Path,
-    state: StateTower,
+    state: nn.Module,
     text: TextHead,
     feature_size: int,
     trained_on: str,
@@ -85,7 +85,7 @@ def export_towers(
 
     Args:
         folder: where to.
-        state: the state tower.
+        state: the state tower with its mirror image.
         text: the text head.
         feature_size: size of the shared space.
         trained_on: one line about the data, for the metadata.
@@ -103,7 +103,7 @@ def export_towers(
         {"tokens": tokens, "mask": mask},
         ({0: count, 1: length}, {0: count, 1: length}),
         folder / "text_head.onnx",
-        contract("text") | details | {READS_CLAUSES: "1"},
+        contract("text") | details | {READS_CLAUSES: "1", MIRRORED: "1"},
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -42,6 +44,41 @@ class StateTower(nn.Module):
         x = observation if objects is None else torch.cat([observation, objects], dim=1)
         x = ((x - self.mean) * self.inverse_scale).clamp(-6.0, 6.0)
         return functional.normalize(self.layers(x).float(), dim=-1)
+
+
+class MirroredStateTower(nn.Module):
+    """A state tower that looks at each state twice: as it is, and in the mirror.
+
+    Its feature is that of the state and that of its mirror image, side by side. Compared with the features of a text and of
+    that text with left and right exchanged, a text is exactly as true of a motion as the exchanged text is of the motion in
+    the mirror; and two looks are less often wrong than one.
+
+    Args:
+        tower: the tower.
+        index: which input number each number of the mirror image is, `(k,)`.
+        sign: its sign, `(k,)`.
+        sided: columns of the input that are 1 where an object stands that is another one in the mirror; such scenes are seen
+            as they are twice.
+    """
+
+    def __init__(
+        self, tower: StateTower, index: NDArray[np.int64], sign: NDArray[np.float32], sided: Sequence[int] = ()
+    ) -> None:
+        super().__init__()
+        self.tower = tower
+        self.index: Tensor
+        self.sign: Tensor
+        self.register_buffer("index", torch.as_tensor(index))
+        self.register_buffer("sign", torch.as_tensor(sign))
+        self.sided = list(sided)
+
+    def forward(self, observation: Tensor, objects: Tensor | None = None) -> Tensor:
+        """Unit features `(n, 2 d)` of observations `(n, 223)` and states of objects `(n, m)`."""
+        x = observation if objects is None else torch.cat([observation, objects], dim=1)
+        mirrored = x[:, self.index] * self.sign
+        if self.sided:
+            mirrored = torch.where((x[:, self.sided] > 0).any(1, keepdim=True), x, mirrored)
+        return torch.cat([self.tower(x), self.tower(mirrored)], dim=1) * 0.5**0.5
 
 
 class TextHead(nn.Module):

@@ -91,13 +91,14 @@ class ObjectLayout:
             sign[start + 1 : start + 1 + sum(BLOCKS.values())] = _MIRRORED_BLOCKS
         return sign
 
+    @property
+    def sided(self) -> list[int]:
+        """Columns that are 1 where an object stands that has no mirror image among the objects."""
+        return [start for name, start in self._starts.items() if any(name.endswith(kind) for kind in _WITH_SIDES)]
+
     def has_mirror_image(self, objects: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Which scenes `(n, size)` have a mirror image among scenes, `(n,)`."""
-        there = np.zeros(len(objects), bool)
-        for name in self.names:
-            if any(name.endswith(kind) for kind in _WITH_SIDES):
-                there |= self.there(name, objects)
-        return ~there
+        return np.asarray((objects[:, self.sided] <= 0).all(1))
 
 
 def favoured_clips(name: str) -> tuple[str, ...]:

@@ -21,13 +21,13 @@ from agents.encoder.captions import Caption, CaptionSet, joint_truth
 from agents.encoder.config import EncoderConfig
 from agents.encoder.dataset import FILM_FRAMES, MotionSet
 from agents.encoder.material import mirrored_concepts
-from agents.encoder.networks import StateTower, TextHead
+from agents.encoder.networks import MirroredStateTower, StateTower, TextHead
 from agents.encoder.posecodes.grading import CodeChooser, grade, opposites
 from agents.encoder.posecodes.lessons import compose, with_one_wrong, write_lessons, write_phrases
 from agents.encoder.sampling import CaptionSampler, MotionSampler, concept_weights
 from agents.encoder.scenes import ObjectLayout
 from agents.encoder.token_states import TokenStore
-from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
+from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN, OBSERVATION_SIZE
 from motion_data.files import write_whole
 from rewards.clauses import split_clauses
 
@@ -119,13 +119,20 @@ def input_scales(motions: MotionSet, layout: ObjectLayout) -> tuple[NDArray[np.f
     )
 
 
+def mirrored_tower(state: StateTower, layout: ObjectLayout) -> MirroredStateTower:
+    """The tower that looks at states and at their mirror images."""
+    index = np.concatenate([MIRROR_INDEX, OBSERVATION_SIZE + np.arange(layout.size)])
+    sign = np.concatenate([MIRROR_SIGN, layout.mirror_sign])
+    return MirroredStateTower(state, index, sign, [OBSERVATION_SIZE + column for column in layout.sided]).eval()
+
+
 def build_towers(config: EncoderConfig, motions: MotionSet, layout: ObjectLayout) -> Towers:
     """Untrained towers, normalised to the motions."""
     torch.manual_seed(config.seed)
-    state = StateTower(*input_scales(motions, layout), config.feature_size, config.hidden)
+    state = StateTower(*input_scales(motions, layout), config.feature_size // 2, config.hidden)
     first = {"scale": 10.0, "bias": -3.0} | ({"retrieval": 15.0} if config.lessons else {})
     logit = nn.ParameterDict({name: nn.Parameter(torch.tensor(value)) for name, value in first.items()})
-    return Towers(state, TextHead(config.feature_size), logit)
+    return Towers(state, TextHead(config.feature_size // 2), logit)
 
 
 class _Lessons:

@@ -15,8 +15,7 @@ from agents.encoder.export import export_image_tower, export_towers
 from agents.encoder.material import make_motions, motion_library, prepare_captions
 from agents.encoder.pictures import picture_index, render_films, train_image_tower
 from agents.encoder.scenes import ObjectLayout
-from agents.encoder.towers import train_towers
-from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
+from agents.encoder.towers import mirrored_tower, train_towers
 from rewards.bundled import BundledEncoder
 
 HELD_OUT_PICTURES = 1000
@@ -44,18 +43,16 @@ def train(config: EncoderConfig) -> int:
     captions = prepare_captions(config, clips)
     motions = make_motions(config, clips, captions.concepts, layout)
     towers = train_towers(config, motions, captions, layout, config.run / "tokens.npz")
+    state = mirrored_tower(towers.state, layout)
     told = f"{len(captions.training)} captions by rules, {config.lessons} lessons"
     trained_on = f"{len(motions)} short motions, {told}, seed {config.seed}"
-    export_towers(
-        out, towers.state, towers.text, config.feature_size, trained_on, layout.sizes, config.caption_settings
-    )
+    export_towers(out, state, towers.text, config.feature_size, trained_on, layout.sizes, config.caption_settings)
     rng = np.random.default_rng(config.seed + 4)
     drawn = motions.take(picture_index(motions, config.image_motions, rng))
     films = render_films(drawn, config.image_size, rng, config.run / "films.npy", config.cameras, layout)
     with torch.no_grad():
-        features = towers.state(torch.from_numpy(drawn.observations), torch.from_numpy(drawn.objects)).numpy()
-        turned = drawn.observations[:, MIRROR_INDEX] * MIRROR_SIGN
-        mirrored = towers.state(torch.from_numpy(turned), torch.from_numpy(drawn.objects)).numpy()
+        features = state(torch.from_numpy(drawn.observations), torch.from_numpy(drawn.objects)).numpy()
+    mirrored = np.roll(features, features.shape[1] // 2, axis=1)
     # The camera of scenes stands on one side.
     mirrored[drawn.scenes >= 0] = np.nan
     # The files are read back, so that what is measured is what a user gets.
