@@ -118,16 +118,19 @@ def try_candidates(
     for start in range(0, len(candidates), env.num_envs):
         chosen = candidates[start : start + env.num_envs]
         # the humanoids that are left over repeat the first ones
-        players = [chosen[index % len(chosen)] for index in range(env.num_envs)]
+        rows = [np.arange(first, env.num_envs, len(chosen)) for first in range(len(chosen))]
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
         earnings = Earnings(env.num_envs, alive_bonus)
         for decision in range(decisions):
             places = observation[:, columns]
-            actions = [player.act(decision, places[[index]]) for index, player in enumerate(players)]
-            observation, reward, terminated, _, _ = env.step(np.concatenate(actions))
+            actions = np.empty((env.num_envs, chosen[0].latents.shape[1]), np.float32)
+            for candidate, own in zip(chosen, rows, strict=True):
+                actions[own] = candidate.act(decision, places[own])
+            observation, reward, terminated, _, _ = env.step(actions)
             earnings.add(reward, terminated)
-        for candidate, earned in zip(players if all_humanoids else chosen, earnings.means(), strict=False):
-            candidate.rewards.append(float(earned))
+        earned = earnings.means()
+        for candidate, own in zip(chosen, rows, strict=True):
+            candidate.rewards += earned[own if all_humanoids else own[:1]].tolist()
 
 
 def best(candidates: Sequence[_Kind], count: int, trials: int = 1) -> list[_Kind]:

@@ -9,7 +9,7 @@ with the environment's reward alone; position of the object is what the policy o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,8 @@ GAINS = (0.5, 1.0, 2.0)
 REACH = (0.3, 1.2)
 """Distances from the pelvis to the object, metres, at which it may be within reach."""
 _BACK_FIRST = 0.25  # share of the draws that turn their back on the object, as one who sits down does
+_STAYS = 0.5  # share of the draws that go on with what they do at the object
+_NEVER = np.iinfo(np.int64).max
 _EXCHANGED = 0.3  # share of the variations with another random part
 
 
@@ -41,25 +43,37 @@ class SteeredCandidate(Candidate):
             who goes back first, per radian to the left of straight behind.
         reach: Distance in metres.
         back_first: Whether the back is turned to the object instead of the face.
+        stays: Whether whoever has once been within reach goes on with it, from its beginning, wherever the object is then: a
+            door that was kicked open, or a step back, does not interrupt. Others set out again after a ball that rolls away.
     """
 
     doing: Candidate
     turn: FloatArray
     reach: float
     back_first: bool = False
+    stays: bool = False
+    _arrived: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64), repr=False)
 
     @property
     def description(self) -> str:
         """How it goes to the object, and what it does there."""
-        return f"{self.name} to it{' back first' if self.back_first else ''}, {self.doing.description}"
+        manner = f"{' back first' if self.back_first else ''}{', once' if self.stays else ''}"
+        return f"{self.name} to it{manner}, {self.doing.description}"
 
     def act(self, decision: int, places: FloatArray) -> FloatArray:
-        """Latents `(n, 64)` for objects at `(n, 2)` in the heading frame."""
+        """Latents `(n, 64)` for objects at `(n, 2)` in the heading frame; decision 0 begins an episode of these humanoids."""
         ahead = -places if self.back_first else places
         bearing = np.clip(np.arctan2(ahead[:, 1], ahead[:, 0]), -1.0, 1.0)
         far = unit(super().act(decision, places) + bearing[:, None] * self.turn)
-        within = np.linalg.norm(places, axis=1, keepdims=True) < self.reach
-        return np.where(within, self.doing.act(decision, places), far)
+        within = np.linalg.norm(places, axis=1) < self.reach
+        if not self.stays:
+            return np.where(within[:, None], self.doing.act(decision, places), far)
+        if decision == 0:
+            self._arrived = np.full(len(places), _NEVER)
+        self._arrived = np.minimum(self._arrived, np.where(within, decision, _NEVER))
+        since = decision - np.minimum(self._arrived, decision)
+        doing = self.doing.latents[since % len(self.doing.latents)]
+        return np.where((self._arrived <= decision)[:, None], doing, far)
 
 
 def object_columns(env: VectorEnv) -> slice:
@@ -127,6 +141,7 @@ class SteeredCandidates:
             turn=turn,
             reach=float(self._rng.uniform(*REACH)),
             back_first=bool(self._rng.uniform() < _BACK_FIRST),
+            stays=bool(self._rng.uniform() < _STAYS),
         )
 
     def vary(self, elite: Sequence[SteeredCandidate]) -> SteeredCandidate:
@@ -134,13 +149,14 @@ class SteeredCandidates:
         rng = self._rng
         first, second = (elite[index] for index in rng.integers(len(elite), size=2))
         other = self.draw() if rng.uniform() < _EXCHANGED else second
-        taken = rng.uniform(size=4) < 0.5
+        taken = rng.uniform(size=5) < 0.5
         size = self._latents.shape[1]
         going, doing = (other if taken[0] else first), (other if taken[1] else first).doing
         return SteeredCandidate(
             latents=unit(going.latents + rng.normal(0.0, SPREAD, size)),
             name=going.name,
             back_first=going.back_first,
+            stays=(other if taken[4] else first).stays,
             doing=Candidate(unit(doing.latents + rng.normal(0.0, SPREAD, size)), doing.name),
             turn=(other if taken[2] else first).turn * np.float32(np.exp(rng.normal(0.0, 0.3))),
             reach=float((other if taken[3] else first).reach * np.exp(rng.normal(0.0, 0.2))),
