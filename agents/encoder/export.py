@@ -17,7 +17,7 @@ from rewards.bundled import FILM_FRAMES, MIRRORED, OBSERVATION_SIZE, READS_CLAUS
 from rewards.minilm import TOKEN_SIZE
 from rewards.onnx_files import export_module, open_session
 
-VERSION = "5"
+VERSION = "6"
 _TOLERANCE = 1e-4
 
 
