@@ -530,6 +530,23 @@ def test_who_goes_back_first_turns_until_the_object_is_behind():
     assert "back first" in back_first.description and "back first" not in SteeredCandidate(**going).description
 
 
+def test_who_stays_goes_on_from_the_beginning_of_what_is_done_there():
+    walk, first, second = np.eye(4, dtype=np.float32)[:3]
+    candidate = SteeredCandidate(
+        latents=walk[None],
+        name="walk",
+        doing=Candidate(np.stack([first, second]), "kick"),
+        turn=np.zeros(4, np.float32),
+        reach=0.5,
+        stays=True,
+    )
+    courses = [np.float32([[0.4, 0], [2, 0]]), np.float32([[2, 0], [0.4, 0]]), np.float32([[2, 0], [2, 0]])]
+    played = [candidate.act(decision, places) for decision, places in enumerate(courses)]
+    np.testing.assert_array_equal(np.stack(played, 1), [[first, second, first], [walk, first, second]])
+    np.testing.assert_array_equal(candidate.act(0, courses[2]), [walk, walk])  # another episode
+    assert "once" in candidate.description
+
+
 class PlaceEnv(gym.vector.VectorEnv):
     """A point that walks and turns by two directions of its action; reward for standing still at the ball it sees."""
 
