@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from agents.encoder.concepts import Concept
 from agents.encoder.measurements import WINDOW, Array, Measurements
-from agents.encoder.relations import DOINGS, ObjectTrack, relation_truth
+from agents.encoder.relations import DOINGS, ObjectTrack, attempts, relation_truth
 from agents.encoder.rollouts import Tracks, controller_tracks, seeking_tracks, simulated_tracks
 from agents.encoder.scenes import ROLLING, ObjectLayout, favoured_clips, raised_foot, scenes_around, training_placements
 from anyskill_envs.controller import CONTROLLER_FILE, LowLevelController
@@ -273,7 +273,9 @@ def windows_of_tracks(
     measured, objects = _measure(recorded, scene, ends, rows)
     if item:
         done = [relation_truth(f"{item}:{relation}", measured, objects) for relation in DOINGS]
-        weights = _SELDOM + np.max([truth for truth in done if truth is not None], axis=0) ** 3
+        # What misses is kept as often as what hits: how often a kick that looks like that hits must stay as it is.
+        tried_to = [attempts(measured, track) for track in objects.values()]
+        weights = _SELDOM + np.max([truth for truth in done + tried_to if truth is not None], axis=0) ** 3
         kept = rng.choice(len(ends), per_track * count, replace=False, p=weights / weights.sum())
         ends, rows = ends[kept], rows[kept]
         measured, objects = _measure(recorded, scene, ends, rows)

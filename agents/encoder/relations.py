@@ -262,6 +262,15 @@ DOINGS = ("kicking", "striking", "pushing open", "sitting on")
 """Relations that are done to an object; each is true for moments only."""
 
 
+def attempts(m: Measurements, o: ObjectTrack) -> Array:
+    """How much of a kick or a blow there is near an object, whether it hits or not, `(n,)`."""
+    kick = partly(
+        ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
+    )
+    blow = ramp(_limb_speed(m, _HANDS), 0.4, 2.0)
+    return np.maximum(kick, blow) * ramp(o.distance, 2.2, 1.2) * m.on_feet
+
+
 def _nowhere(m: Measurements) -> Array:
     """Nothing is true of an object that is not there."""
     return np.zeros(len(m))
