@@ -62,7 +62,7 @@ def update_figures(path: Path, report: EncoderReport, encoder: str) -> None:
 
 _LESSONS = """- **Low-level facts**: some five hundred posecodes (`agents/encoder/posecodes`), after PoseScript (Delmas et al.,
   ECCV 2022): bends of joints, where limbs point, heights and places of hands, elbows, knees and feet, trunk and head, what
-  touches the floor, simple velocities. Beside phrases that are put together of parts there are some 80 for each that were
+  touches the floor, simple velocities. Beside phrases that are put together of parts there are some 100 for each that were
   written one by one (`agents/encoder/posecodes/wordings.yaml`, by helpers who knew the rules of the posecodes, but not the
   captions and sentences below). {} motions are described by one to four facts that are true of them, rare ones more often, in
   many registers; each a second time in other words and once with one fact exchanged for another side, direction or limb.
