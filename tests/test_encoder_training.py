@@ -36,6 +36,8 @@ TINY = {
     "lesson_batch": 16,
     "phrases": 3,
     "steps": 60,
+    "symmetry_steps": 150,
+    "symmetric_hidden": 128,
     "image_motions": 24,
     "image_epochs": 1,
     "image_batch": 8,
@@ -68,7 +70,8 @@ def test_a_tiny_training_writes_an_encoder_that_loads(tmp_path, monkeypatch):
     with torch.no_grad():
         nothing = torch.zeros(len(motions), motions.objects.shape[1])
         mean = tower(torch.from_numpy(motions.observations), nothing).numpy()
-    np.testing.assert_allclose(features[:, : mean.shape[1]] * 2**0.5, mean, atol=1e-4)
+    own_half = features[:, : mean.shape[1]] * 2**0.5
+    assert (own_half * mean).sum(1).mean() > 0.9  # the exported tower has learned from the running mean
     grade = motions.truths[:, TINY["only"].index("arms_up")].astype(np.float32)
     assert np.corrcoef(similarity, grade)[0, 1] > 0.5
     card = (tmp_path / "weights" / "MODEL_CARD.md").read_text()

@@ -94,7 +94,7 @@ def write_card(path: Path, config: EncoderConfig, report: EncoderReport) -> None
             f"{config.cameras.distance[1]} m away"
         ),
         "objects": known,
-        "hidden": str(config.hidden),
+        "hidden": str(config.symmetric_hidden),
         "seed": str(config.seed),
         "steps": str(config.steps),
         "feature_size": str(config.feature_size),

@@ -48,6 +48,8 @@ class EncoderConfig:
     """Size of the shared space: one half for a motion or text as it is, one for its mirror image."""
     hidden: int = 768
     """Width of the hidden layers of the state tower."""
+    symmetric_hidden: int = 640
+    """Width of the hidden layers of the symmetric state tower that learns from it and is exported."""
     relation_share: float = 0.5
     """Of the motions that are drawn for the sake of a concept, the share whose concept is a relation to an object."""
     state_batch: int = 384
@@ -56,6 +58,8 @@ class EncoderConfig:
     """Captions per step."""
     steps: int = 5000
     """Steps of the state and text towers."""
+    symmetry_steps: int = 6000
+    """Steps in which one symmetric state tower learns from the trained one and its look into the mirror."""
     learning_rate: float = 1e-3
     """Highest learning rate; it rises for 200 steps and then falls along a cosine."""
     image_size: int = 64

@@ -46,6 +46,14 @@ class StateTower(nn.Module):
         return functional.normalize(self.layers(x).float(), dim=-1)
 
 
+def mirror_image(x: Tensor, index: Tensor, sign: Tensor, sided: Sequence[int]) -> Tensor:
+    """Inputs `(n, k)` of a state tower in the mirror; see :class:`MirroredStateTower`."""
+    mirrored = x[:, index] * sign
+    if not sided:
+        return mirrored
+    return torch.where((x[:, list(sided)] > 0).any(1, keepdim=True), x, mirrored)
+
+
 class MirroredStateTower(nn.Module):
     """A state tower that looks at each state twice: as it is, and in the mirror.
 
@@ -75,10 +83,61 @@ class MirroredStateTower(nn.Module):
     def forward(self, observation: Tensor, objects: Tensor | None = None) -> Tensor:
         """Unit features `(n, 2 d)` of observations `(n, 223)` and states of objects `(n, m)`."""
         x = observation if objects is None else torch.cat([observation, objects], dim=1)
-        mirrored = x[:, self.index] * self.sign
-        if self.sided:
-            mirrored = torch.where((x[:, self.sided] > 0).any(1, keepdim=True), x, mirrored)
+        mirrored = mirror_image(x, self.index, self.sign, self.sided)
         return torch.cat([self.tower(x), self.tower(mirrored)], dim=1) * 0.5**0.5
+
+
+class SymmetricStateTower(nn.Module):
+    """A student of :class:`MirroredStateTower` that costs about as much as one look, and is as symmetric.
+
+    Hidden numbers come in pairs: for the state as it is, and for its mirror image. Layers treat both alike, so that in the
+    mirror the partners change places, and so do the halves of the feature, exactly.
+
+    Args:
+        teacher: the tower to learn from.
+        feature_size: size of the shared space, of both halves.
+        hidden: width of both hidden layers, of both partners.
+    """
+
+    def __init__(self, teacher: MirroredStateTower, feature_size: int, hidden: int) -> None:
+        super().__init__()
+        self.mean: Tensor
+        self.inverse_scale: Tensor
+        self.index: Tensor
+        self.sign: Tensor
+        for name in ("mean", "inverse_scale"):
+            self.register_buffer(name, getattr(teacher.tower, name).clone())
+        for name in ("index", "sign"):
+            self.register_buffer(name, getattr(teacher, name).clone())
+        self.sided = teacher.sided
+        half, outputs = hidden // 2, feature_size // 2
+        self.first = nn.Linear(len(teacher.index), half)
+        self.second = _PairedLinear(half, half)
+        self.last = _PairedLinear(half, outputs)
+
+    def forward(self, observation: Tensor, objects: Tensor | None = None) -> Tensor:
+        """Unit features `(n, d)` of observations `(n, 223)` and states of objects `(n, m)`."""
+        x = observation if objects is None else torch.cat([observation, objects], dim=1)
+        mirrored = mirror_image(x, self.index, self.sign, self.sided)
+        looks = [((look - self.mean) * self.inverse_scale).clamp(-6.0, 6.0) for look in (x, mirrored)]
+        hidden = torch.relu(torch.cat([self.first(look) for look in looks], dim=1))
+        hidden = torch.relu(self.second(hidden))
+        return functional.normalize(self.last(hidden).float(), dim=-1)
+
+
+class _PairedLinear(nn.Module):
+    """A linear layer of pairs `(n, 2 k)`, all first partners and then all second ones, that treats both alike."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.own = nn.Linear(inputs, outputs)
+        self.partner = nn.Linear(inputs, outputs, bias=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        own, partner = self.own.weight, self.partner.weight
+        # One product for both; the exported file holds the weights put together.
+        weight = torch.cat([torch.cat([own, partner], 1), torch.cat([partner, own], 1)], 0)
+        return functional.linear(x, weight, self.own.bias.repeat(2))
 
 
 class TextHead(nn.Module):

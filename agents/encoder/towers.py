@@ -21,13 +21,13 @@ from agents.encoder.captions import Caption, CaptionSet, joint_truth
 from agents.encoder.config import EncoderConfig
 from agents.encoder.dataset import FILM_FRAMES, MotionSet
 from agents.encoder.material import mirrored_concepts
-from agents.encoder.networks import MirroredStateTower, StateTower, TextHead
+from agents.encoder.networks import StateTower, TextHead
 from agents.encoder.posecodes.grading import CodeChooser, grade, opposites
 from agents.encoder.posecodes.lessons import compose, with_one_wrong, write_lessons, write_phrases
 from agents.encoder.sampling import CaptionSampler, MotionSampler, concept_weights
 from agents.encoder.scenes import ObjectLayout
 from agents.encoder.token_states import TokenStore
-from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN, OBSERVATION_SIZE
+from anyskill_envs.observation import MIRROR_INDEX, MIRROR_SIGN
 from motion_data.files import write_whole
 from rewards.clauses import split_clauses
 
@@ -117,13 +117,6 @@ def input_scales(motions: MotionSet, layout: ObjectLayout) -> tuple[NDArray[np.f
         np.concatenate([mean, np.zeros(layout.size)]).astype(np.float32),
         np.concatenate([scale, spread]).astype(np.float32),
     )
-
-
-def mirrored_tower(state: StateTower, layout: ObjectLayout) -> MirroredStateTower:
-    """The tower that looks at states and at their mirror images."""
-    index = np.concatenate([MIRROR_INDEX, OBSERVATION_SIZE + np.arange(layout.size)])
-    sign = np.concatenate([MIRROR_SIGN, layout.mirror_sign])
-    return MirroredStateTower(state, index, sign, [OBSERVATION_SIZE + column for column in layout.sided]).eval()
 
 
 def build_towers(config: EncoderConfig, motions: MotionSet, layout: ObjectLayout) -> Towers:

@@ -15,7 +15,8 @@ from agents.encoder.export import export_image_tower, export_towers
 from agents.encoder.material import make_motions, motion_library, prepare_captions
 from agents.encoder.pictures import picture_index, render_films, train_image_tower
 from agents.encoder.scenes import ObjectLayout
-from agents.encoder.towers import mirrored_tower, train_towers
+from agents.encoder.symmetry import symmetric_tower
+from agents.encoder.towers import train_towers
 from rewards.bundled import BundledEncoder
 
 HELD_OUT_PICTURES = 1000
@@ -43,7 +44,7 @@ def train(config: EncoderConfig) -> int:
     captions = prepare_captions(config, clips)
     motions = make_motions(config, clips, captions.concepts, layout)
     towers = train_towers(config, motions, captions, layout, config.run / "tokens.npz")
-    state = mirrored_tower(towers.state, layout)
+    state = symmetric_tower(config, towers.state, motions, layout, config.run / "symmetric.pt")
     told = f"{len(captions.training)} captions by rules, {config.lessons} lessons"
     trained_on = f"{len(motions)} short motions, {told}, seed {config.seed}"
     export_towers(out, state, towers.text, config.feature_size, trained_on, layout.sizes, config.caption_settings)
