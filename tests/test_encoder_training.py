@@ -29,13 +29,13 @@ TINY = {
     "per_track": 8,
     "caption_pairs": 4,
     "caption_triples": 2,
-    "feature_size": 16,
+    "feature_size": 32,
     "state_batch": 64,
     "caption_batch": 32,
     "lessons": 200,
     "lesson_batch": 16,
     "phrases": 3,
-    "steps": 60,
+    "steps": 200,
     "symmetry_steps": 150,
     "symmetric_hidden": 128,
     "image_motions": 24,
@@ -51,7 +51,7 @@ def test_a_tiny_training_writes_an_encoder_that_loads(tmp_path, monkeypatch):
     config = EncoderConfig(run=tmp_path / "run", out=tmp_path / "weights", **TINY)
     assert train(config) == 0
     encoder = BundledEncoder(tmp_path / "weights", cache="")
-    assert encoder.feature_size == 16
+    assert encoder.feature_size == 32
     motions = MotionSet.load(tmp_path / "run" / "motions.npz")
     assert np.isfinite(motions.observations).all()
     assert (motions.truths >= 0).all() and (motions.truths <= 1).all()
