@@ -62,17 +62,22 @@ def observe(
         angular velocities; all turned into the heading frame. See :data:`OBSERVATION_LAYOUT`.
     """
     count = len(positions)
-    others, twice = _BODIES - 1, 2 * _BODIES
-    # All 74 vectors with their components apart: contiguous arrays are turned in a third of the time.
-    vectors = np.empty((3, count, others + 4 * _BODIES), np.float32)
+    # All that follows the root height are vectors. With their components apart, arrays are contiguous, and turned in a third
+    # of the time.
+    vectors = np.empty((3, count, (OBSERVATION_SIZE - 1) // 3), np.float32)
+
+    def block(name: str) -> np.ndarray:
+        place = OBSERVATION_LAYOUT[name]
+        return vectors[..., (place.start - 1) // 3 : (place.stop - 1) // 3]
+
     places = np.array(np.moveaxis(positions, -1, 0), order="C")
-    vectors[..., :others] = places[..., 1:] - places[..., :1]
+    block("body_positions")[:] = places[..., 1:] - places[..., :1]
     axes = rotation_axes(np.ascontiguousarray(np.moveaxis(quaternions, -1, 0), np.float32))
-    for place, axis in enumerate(axes):
+    for column, axis in enumerate(axes):
         for component, numbers in enumerate(axis):
-            vectors[component, :, others + place : others + twice : 2] = numbers
-    vectors[..., others + twice : others + twice + _BODIES] = np.moveaxis(linear_velocities, -1, 0)
-    vectors[..., others + twice + _BODIES :] = np.moveaxis(angular_velocities, -1, 0)
+            block("body_rotations")[component, :, column::2] = numbers
+    block("body_linear_velocities")[:] = np.moveaxis(linear_velocities, -1, 0)
+    block("body_angular_velocities")[:] = np.moveaxis(angular_velocities, -1, 0)
 
     cosine, sine = (part[:, None] for part in heading_direction(quaternions[:, 0]))
     observation = np.empty((count, OBSERVATION_SIZE), np.float32)

@@ -126,6 +126,7 @@ _EVALUATOR: dict[str, Any] = {
     "seed": 7041,
     "feature_size": 384,
     "hidden": 384,
+    "symmetric_hidden": 320,
     "lessons": 0,
     "caption_batch": 256,
     "steps": 6000,

@@ -190,6 +190,10 @@ def _limb_speed(m: Measurements, bodies: tuple[str, ...]) -> Array:
     return fastest
 
 
+def _foot_raised(m: Measurements) -> Array:
+    return ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
+
+
 def _kicking(m: Measurements, o: ObjectTrack) -> Array:
     if o.kind == "ball":
         moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(o.speed, 0.3, 1.5))
@@ -199,9 +203,8 @@ def _kicking(m: Measurements, o: ObjectTrack) -> Array:
         kicked = np.maximum(kicked, 0.9 * flies)
     else:
         moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), o.set_in_motion)
-        raised = ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
         # Squared: kicks that miss it by a hand's breadth, one after the other, must not be worth as much as one that hits.
-        kicked = ramp(o.foot_gap(m), 0.25, 0.03) ** 2 * (0.35 + 0.65 * partly(moves, raised))
+        kicked = ramp(o.foot_gap(m), 0.25, 0.03) ** 2 * (0.35 + 0.65 * partly(moves, _foot_raised(m)))
         # It moves, and nothing else has touched it.
         by_others = o.contact(m, (*_HANDS, "right_lower_arm", "left_lower_arm", "torso", "pelvis"), 0.12)
         kicked = np.maximum(kicked, 0.9 * o.set_in_motion * (1 - by_others) * ramp(o.distance, 2.5, 1.5))
@@ -264,9 +267,7 @@ DOINGS = ("kicking", "striking", "pushing open", "sitting on")
 
 def attempts(m: Measurements, o: ObjectTrack) -> Array:
     """How much of a kick or a blow there is near an object, whether it hits or not, `(n,)`."""
-    kick = partly(
-        ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(np.max([m.height(foot) for foot in _FEET], axis=0), 0.1, 0.35)
-    )
+    kick = partly(ramp(_limb_speed(m, _FEET), 0.5, 2.0), _foot_raised(m))
     blow = ramp(_limb_speed(m, _HANDS), 0.4, 2.0)
     return np.maximum(kick, blow) * ramp(o.distance, 2.2, 1.2) * m.on_feet
 
