@@ -195,14 +195,13 @@ def _foot_raised(m: Measurements) -> Array:
 
 
 def _kicking(m: Measurements, o: ObjectTrack) -> Array:
+    moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), o.set_in_motion)
     if o.kind == "ball":
-        moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), ramp(o.speed, 0.3, 1.5))
         kicked = o.contact(m, _FEET, 0.2) * (0.35 + 0.65 * moves)
         # It is being kicked for as long as it flies away from whoever looks after it.
         flies = ramp(o.leaving, 0.1, 0.9) * ramp(o.distance, 5.0, 2.0) * ramp(np.abs(o.bearing), 2.0, 1.0)
         kicked = np.maximum(kicked, 0.9 * flies)
     else:
-        moves = np.maximum(ramp(_limb_speed(m, _FEET), 0.5, 2.0), o.set_in_motion)
         # Squared: kicks that miss it by a hand's breadth, one after the other, must not be worth as much as one that hits.
         kicked = ramp(o.foot_gap(m), 0.25, 0.03) ** 2 * (0.35 + 0.65 * partly(moves, _foot_raised(m)))
         # It moves, and nothing else has touched it.
@@ -262,7 +261,7 @@ _RULES: dict[str, Callable[[Measurements, ObjectTrack], Array]] = {
 
 
 DOINGS = ("kicking", "striking", "pushing open", "sitting on")
-"""Relations that are done to an object; each is true for moments only."""
+"""What is done to an object; most of it is true for moments only."""
 
 
 def attempts(m: Measurements, o: ObjectTrack) -> Array:
